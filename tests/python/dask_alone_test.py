@@ -270,8 +270,8 @@ class Alone(WithCluster):
 
     def test_a_worker_with_another_release(self):
         for what, patch in (("a function that it lacks", "import raynest._deal; del raynest._deal.sent_item"),
-                            ("a class of another form", "import raynest._workers as w, typing; "
-                             "w.Source = typing.NamedTuple('Source', [('path', str)])"),
+                            ("a class of another form", "import raynest._travel as t, typing; "
+                             "t.Source = typing.NamedTuple('Source', [('path', str)])"),
                             ("no package", NO_PACKAGE),
                             ("another version", "import raynest._version as v; v.VERSION = '0.0.1'")):
             cluster = self.cluster(0)

@@ -43,6 +43,60 @@ class OnTheCluster(WithCluster):
     def pieces(self, cluster):
         return {key.partition("~")[0] for key, places in cluster.client.who_has().items() if places}
 
+    def test_changes_of_a_scene_travel_together_to_who_comes_late(self):
+        cluster = self.cluster(1)
+        parts, places = {"ground": ground(9), "stone": ground(3, 3)}, {"ground": "ground", "stone": ("stone", [(0, 9, 0), (5, 12, 3)])}
+        scene, edits = many.prepare(parts, places=places), 100
+        large = ground(9)[0] + np.zeros((81, 3))
+
+        def change(edited, number):
+            with edited.edit() as edit:
+                edit.move("nobody" if number == 40 else "stone#1", (0.3, 0.1 * (number % 7 - 3), 0))
+                if number in (50, 51):
+                    edit.set_vertices("ground", large + (0, number - 50, 0))
+        whole = []
+        with self.client.scene_of(parts, places) as alone:
+            for number in range(edits):
+                whole.append(alone.trace(RAYS, fields=("t", "prim", "position")))
+                if number != 40:
+                    change(alone, number)
+            whole.append(alone.trace(RAYS, fields=("t", "prim", "position")))
+        self.enterContext(unittest.mock.patch.object(_prepared, "PACK_BYTES", 10000))
+        self.enterContext(unittest.mock.patch.object(_prepared, "PACK", 16))
+        sent, send = [], many.Prepared.send
+
+        def noted(prepared, cluster, keys, *how):
+            sent.extend(keys)
+            return send(prepared, cluster, keys, *how)
+        self.enterContext(unittest.mock.patch.object(many.Prepared, "send", noted))
+
+        def seen(*epochs):
+            sent.clear()
+            for epoch, found in zip(epochs, many.sweep(cluster.client, scene, [(epoch, RAYS) for epoch in epochs], setup=self.setup,
+                                                       fields=("t", "prim", "position"))):
+                self.same(found, whole[epoch - 1])
+        for number in range(edits):     # some are seen at once, the others by who comes late
+            change(scene, number)
+            if number < 20:
+                seen(scene.epoch)
+                self.assertLessEqual(len(sent), 2)
+        with self.assertRaisesRegex(raynest.UsageError, "edit 41 of the scene is left out"):
+            seen(scene.epoch)
+        cluster.workers.append(cluster.add())
+        cluster.wait(2)
+        cluster.workers[0].kill()
+        cluster.workers[0].wait()
+        until(lambda: len(cluster.client.scheduler_info()["workers"]) == 1)
+        seen(scene.epoch)
+        self.assertTrue(any("to" in key for key in sent))
+        self.assertLess(len(sent), 1 + edits // 16 + 16 + 3)
+        seen(scene.epoch, *range(60, 20, -7), 1, 17, 18, *range(30, 60, 3))
+        with self.subTest("columns that stay"):
+            sent.clear()
+            found = many.arrays(cluster.client, scene, RAYS, fields=("t",), setup=self.setup)["t"]
+            self.assertLess(len(sent), 1 + edits // 16 + 16 + 3)
+            self.same({"t": cluster.client.compute(found, sync=True)}, {"t": whole[-1]["t"]})
+
     def test_what_a_request_takes_along_leaves_with_it(self):
         cluster = self.cluster(1)
         scene, other = many.prepare(*ground(20)), many.prepare(*ground(20, 3))

@@ -10,7 +10,8 @@ from typing import Any, Sequence
 
 from ._own_daemon import NOBODY_WAITS, dropped, here
 from ._requests.job import Outcome
-from ._workers import LOOK_SECONDS, Carried, Host, Source
+from ._travel import Carried, Source
+from ._workers import LOOK_SECONDS, Host
 from .errors import BY_EXIT_CODE, CancelledError, Error, FailedError
 
 

@@ -32,7 +32,8 @@ from ._requests.film import is_lit, samples_asked
 from ._roster import PATIENCE, roster_of
 from ._told import carry_out, fail
 from ._own_daemon import Setup, distributed
-from ._workers import Carried, Source, info_of
+from ._travel import Carried, Source
+from ._workers import info_of
 from .errors import ConnectError, DeadlineError, Error, FailedError, InvalidError, UsageError
 from .merge import PARTS_OF, merge
 

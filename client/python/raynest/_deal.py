@@ -8,7 +8,7 @@ import queue
 import random
 import threading
 import time
-from typing import AbstractSet, Any, Callable, Generator, NamedTuple, Optional, Sequence
+from typing import AbstractSet, Any, Generator, NamedTuple, Optional, Sequence
 
 import numpy as np
 

@@ -19,7 +19,7 @@ import numpy as np
 from . import _travel
 from ._copies import let_go, scattered
 from ._net.frame import Array
-from ._travel import PIECE_BYTES, PIECE_SECONDS, held, keys_of_changes, keys_of_file
+from ._travel import (PACK, PACK_BYTES, PIECE_BYTES, PIECE_SECONDS, Carried, Source, held, key_of_changes, keys_of_file, named)
 from ._notes import Told
 from ._requests.arguments import whole
 from ._requests.job import Progress
@@ -27,7 +27,6 @@ from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
 from ._requests.materials import Mesh
 from ._requests.precision import rounding_warning
 from ._roster import PATIENCE, roster_of
-from ._workers import Carried, Source, named
 from .edits import Change, Edit
 from .errors import Error, FailedError, InvalidError, SceneWarning, UsageError, warn
 from .scene import Scene
@@ -60,6 +59,8 @@ class Prepared:
         self._log = os.urandom(8).hex()
         self._epoch = 1
         self._refused: tuple[int, ...] = ()     # changes that no daemon makes
+        self._packs: tuple[int, ...] = (0,)     # where packs of changes begin and end
+        self._unpacked: list[bytes] = []        # the changes after these
         self._others: dict[str, Prepared] = {}  # that edits add, by the name that their content gives them
         self.compared: list[Prepared] = []      # with this one, by requests that go on
         self.sending = 0
@@ -195,16 +196,27 @@ class Prepared:
 
     def _record(self, change: Change) -> dict[str, Any]:
         sources = [self._others[name].source for name in change.message.get("scenes", ())]
-        key, = keys_of_changes(self._log, self._epoch - 1, self._epoch)
-        self._keep(key, np.frombuffer(pickle.dumps((change, sources)), np.uint8))
+        piece = pickle.dumps((change, sources))
+        if len(self._unpacked) == PACK or len(piece) + sum(map(len, self._unpacked)) > PACK_BYTES:
+            self._pack()
+        self._unpacked.append(piece)
+        self._keep(key_of_changes(self._log, self._epoch - 1, self._epoch), np.frombuffer(piece, np.uint8))
         self._epoch += 1
         return {"epoch": self._epoch}
+
+    def _pack(self) -> None:
+        """Has all changes so far travel in packs: a worker that comes late needs them all."""
+        if len(self._unpacked) > 1:
+            self._keep(key_of_changes(self._log, self._packs[-1], self._epoch - 1),
+                       np.frombuffer(b"".join(self._unpacked), np.uint8))
+        if self._unpacked:
+            self._packs, self._unpacked = (*self._packs, self._epoch - 1), []
 
     def at(self, epoch: Optional[int] = None) -> Source:
         """The scene at an epoch; None and 0 are the present one, as for one daemon."""
         changes = (self._epoch if epoch is None else whole("an epoch", epoch, self._epoch, 0) or self._epoch) - 1
         source = self.source._replace(sending=self.sending)
-        return source._replace(log=self._log, changes=changes, refused=self._refused) if changes else source
+        return source._replace(log=self._log, changes=changes, packs=self._packs, refused=self._refused) if changes else source
 
     def refused(self, error: Error) -> Error:
         """The error to tell. If a daemon has refused a change, that is left out of all epochs from now on."""
@@ -242,8 +254,9 @@ class Prepared:
 
     def send_all(self, cluster: Any) -> None:
         """Gives the workers all that they may come to lack while nobody looks after them."""
-        if self._pieces:
-            self.send(cluster, [f"{key}~{self.sending}" for key in self._pieces], roster_of(cluster).living())
+        needed = {key for key, _ in self.at().changes_since(0)}
+        if keys := [f"{key}~{self.sending}" for key in self._pieces if key in needed or not key.startswith(f"raynest-{self._log}-")]:
+            self.send(cluster, keys, roster_of(cluster).living())
 
     def _lost(self, cluster: Any, keys: Sequence[str]) -> list[str]:
         try:

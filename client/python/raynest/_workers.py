@@ -5,15 +5,14 @@ import contextlib
 import dataclasses
 import fcntl
 import functools
-import hashlib
-import itertools
+import io
 import math
 import os
 import pickle
 import threading
 import time
 import weakref
-from typing import Any, Iterator, Mapping, NamedTuple, Optional, Sequence
+from typing import Any, Iterator, Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from ._net.control import Message
 from ._net.frame import Array
 from ._notes import Told, rounding_of, tell, told_of
 from ._own_daemon import NOBODY_WAITS, Daemon, Setup, distributed, dropped, here
-from ._travel import LOST, PIECE_BYTES, PIECE_SECONDS, Missing, fetch, keys_of_changes, keys_of_file, look_up, own_piece
+from ._travel import LOST, Carried, Files, Missing, Source, fetch, keys_of_file, named
 from ._requests.film import Layers
 from ._requests.loads import Load, load_of_file
 from ._version import VERSION
@@ -37,48 +36,6 @@ IDLE_SECONDS = 60.0         # after which a daemon ends where one of another set
 TURN_SECONDS = 0.05        # between two looks whether another thread has loaded
 
 
-class Source(NamedTuple):
-    """A scene as workers load it, and what its digest must be."""
-
-    path: str                               # where a worker may have the same files; "": nowhere
-    load: dict[str, Any] = {}               # more arguments of Client.load()
-    message: Optional[Message] = None       # a Load with the files' digests; None: the files at `path` say them
-    digest: str = ""
-    log: str = ""                           # of its changes
-    changes: int = 0                        # how many of them have happened
-    refused: tuple[int, ...] = ()           # the numbers of those that no daemon makes
-    piece_bytes: int = PIECE_BYTES
-    piece_seconds: float = PIECE_SECONDS
-    sending: int = 0                        # of the pieces: counts when whoever has some of them is silent
-
-    @property
-    def name(self) -> str:
-        """On the daemons."""
-        assert self.message is not None
-        return str(self.message["name"])
-
-    def files(self) -> list[tuple[bytes, int]]:
-        """Digests and sizes."""
-        assert self.message is not None
-        digests = self.message["file_digests"]
-        return [(digests[32 * i:32 * i + 32], size) for i, size in enumerate(self.message["file_bytes"])]
-
-
-class Carried(NamedTuple):
-    """A file of the client's machine that a command or a picture names."""
-
-    prefix: str         # of the command's word, as "points="
-    name: str           # the same on all hosts, as the parts must say the same request
-    digest: bytes
-    size: int
-
-
-def named(message: Message) -> Message:
-    """The message with a name that says what it loads; the scene goes with the connections that hold it."""
-    content = {**message, "name": "", "replace": False, "share": [], "temporary": True}
-    return {**content, "name": "dask-" + hashlib.sha256(repr(sorted(content.items())).encode()).hexdigest()[:16]}
-
-
 class NoRoom(BusyError):
     """A host has no memory for the scene, and `where` it is: others may have it."""
 
@@ -91,39 +48,6 @@ class OtherVersion(UsageError):
     where = ""
 
 
-class Files:
-    """The files of a scene that a daemon lacks: from the same path, if that has the same bytes, else from the cluster."""
-
-    def __init__(self, source: Source, elsewhere: set[str]) -> None:
-        self._source, self._elsewhere = source, elsewhere
-        self._here: Optional[Load] = None
-        self._pieces: Iterator[Array] = iter(())
-
-    def need(self, numbers: Sequence[int]) -> None:
-        """The files that will be read, in this order. Raises Missing with all that is nowhere, before any is read: each
-        time the client sends what is missing, the load begins anew."""
-        source = self._source
-        if source.path and source.name not in self._elsewhere:
-            here = read_at(source)
-            if here is not None and here.message["file_digests"] == (source.message or {})["file_digests"]:
-                self._here = here
-                return
-            self._elsewhere.add(source.name)
-        keys = [key for number in numbers for key in self._keys(number)]
-        if any(own_piece(key) is None for key in keys):
-            look_up(keys, source.sending)
-        self._pieces = fetch(keys, source.piece_seconds, source.sending)
-
-    def read(self, number: int) -> Iterator[Array]:
-        if self._here is not None:
-            yield from self._here.read(number)
-        else:
-            yield from itertools.islice(self._pieces, len(self._keys(number)))
-
-    def _keys(self, number: int) -> list[str]:
-        return keys_of_file(*self._source.files()[number], self._source.piece_bytes)
-
-
 class Held:
     """Scenes and files that a thread has on its connection. Another one may let it go while the thread makes no item."""
 
@@ -131,6 +55,7 @@ class Held:
         self.making = threading.Lock()
         self.scenes: dict[str, Scene] = {}
         self.changed: tuple[str, Optional[Scene], int] = ("", None, 0)
+        self.piece: tuple[str, Array] = ("", np.empty(0, np.uint8))     # of changes, that came last
         self.needed: set[str] = set()           # scenes of the item
         self.files: list[Any] = []              # of the item
         self.left = 0.0                         # when the last item ended
@@ -141,7 +66,7 @@ class Held:
             self.scenes.pop(name).close()
         log, scene, _ = self.changed
         if scene is not None and log not in self.needed:
-            self.changed = "", None, 0
+            self.changed, self.piece = ("", None, 0), ("", np.empty(0, np.uint8))
             scene.close()
 
 
@@ -302,6 +227,22 @@ class Host(Daemon):
         self._remove_files(KEPT_SECONDS)
         return path
 
+    def _changes(self, source: Source, made: int) -> Iterator[tuple[int, Any]]:
+        """The changes from this number on. The last piece is kept: the next item may need more of it."""
+        held, pieces = self._held, source.changes_since(made)
+        known = held.piece if pieces and held.piece[0] == pieces[0][0] else None
+        coming = fetch([key for key, _ in pieces[known is not None:]], source.piece_seconds, source.sending)
+        for key, first in pieces:
+            piece = known[1] if known else next(coming)
+            held.piece, known = (key, piece), None
+            file = io.BytesIO(piece.data)
+            for number in range(first, source.changes):
+                if file.tell() == len(piece):
+                    break
+                change = pickle.load(file)
+                if number >= made and number not in source.refused:
+                    yield number, change
+
     def _changed(self, client: Client, source: Source) -> Scene:
         """The scene with its changes, as this thread's own copy of it, to which each is made once, in their order."""
         held = self._held
@@ -315,10 +256,7 @@ class Host(Daemon):
             with warnings_taken():
                 scene, made = self._load(client, source, name), 0
         try:
-            numbers = [number for number in range(made, source.changes) if number not in source.refused]
-            keys = [key for number in numbers for key in keys_of_changes(source.log, number, number + 1)]
-            for piece, number in zip(fetch(keys, source.piece_seconds, source.sending), numbers):
-                change, added = pickle.loads(piece.data)
+            for number, (change, added) in self._changes(source, made):
                 # They are held until the change is made; then the scene has what it takes of them.
                 held_for_it = [self._load(client, other._replace(sending=source.sending), other.name) for other in added]
                 try:
@@ -337,14 +275,6 @@ class Host(Daemon):
             raise
         held.changed = source.log, scene, source.changes
         return scene
-
-
-def read_at(source: Source) -> Optional[Load]:
-    """A Load of the files at a source's path on this machine; None where they cannot be read."""
-    try:
-        return load_of_file(source.path, "", **source.load)
-    except (Error, OSError):
-        return None
 
 
 _hosts: dict[Any, Host] = {}

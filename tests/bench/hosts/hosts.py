@@ -22,7 +22,8 @@ import numpy as np
 
 import raynest.dask as many
 from raynest._travel import PIECE_BYTES
-from raynest._workers import Files, item
+from raynest._travel import Files
+from raynest._workers import item
 
 NOWHERE = many.prepare("/nowhere")     # a scene that no item asks for
 
