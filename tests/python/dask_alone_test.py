@@ -18,7 +18,7 @@ import numpy as np
 
 import raynest
 from daemon import PATIENCE, until
-from raynest import _prepared, _roster, generators
+from raynest import _prepared, _roster, _workers, generators
 from raynest._travel import Missing, own_piece
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
@@ -34,6 +34,8 @@ class Lacks:
             raise ModuleNotFoundError("No module named 'raynest'")
 sys.meta_path.insert(0, Lacks())
 """
+LEAVES = np.random.default_rng(1).uniform(-60, 60, (150000, 1, 3))
+LARGE = (LEAVES + np.random.default_rng(2).uniform(-0.5, 0.5, (150000, 3, 3))).reshape(-1, 3), np.arange(450000).reshape(-1, 3)
 MESH = np.array([[-40.0, 0, -40], [40, 0, -40], [0, 0, 60]]), np.array([[0, 1, 2]])
 
 
@@ -185,16 +187,61 @@ class Alone(WithCluster):
                     raynest.FailedError, f"no worker finished an item .*it is broken.*, and this machine cannot make it: .*{said}"):
                 self.deal(cluster, fails, {"here": here}, fits=lambda answer: answer != "odd").all()
 
+    def small(self):
+        """A daemon that has no room for LARGE."""
+        path = self.out / "raynestd"
+        path.write_text(f'#!/bin/sh\nexec {self.raynestd} --memory 24M "$@"\n')
+        path.chmod(0o755)
+        return str(path)
+
+    def test_columns_stay_where_a_host_has_room(self):
+        whole, setup = self.client.mesh(*LARGE).trace(RAYS, fields=("t",))["t"], many.Setup("", "worker", ("--threads", "1"))
+
+        def blocks(cluster):
+            return many.arrays(cluster.client, LARGE, RAYS, fields=("t",), item_rays=2000, setup=setup)["t"]
+
+        cluster = self.cluster(1)
+        first, = cluster.client.scheduler_info()["workers"]
+        cluster.environment["RAYNESTD"] = self.small()
+        cluster.workers.append(cluster.add())
+        cluster.wait(2)
+        bad, = set(cluster.client.scheduler_info()["workers"]) - {first}
+        until(lambda: len(_roster.roster_of(cluster.client).living()) == 2)
+        said = f"^the worker {bad} has no room for the scene, whose files have "
+        with self.told() as notes, unittest.mock.patch.object(cluster.client, "submit", wraps=cluster.client.submit) as submit:
+            found = blocks(cluster)
+        self.assertEqual(len(notes), 1, notes)
+        self.assertRegex(notes[0], said)
+        # Dask may copy them to the other one later.
+        makers = [call.kwargs["workers"] for call in submit.call_args_list if call.args[0] is _workers.columns_of]
+        self.assertEqual(makers, [[first]] * 10)
+        np.testing.assert_array_equal(cluster.client.compute(found, sync=True), whole)
+        cluster.workers[0].kill()
+        cluster.workers[0].wait()
+        until(lambda: list(cluster.client.scheduler_info()["workers"]) == [bad])
+        with self.subTest("no host has room"), self.told() as notes, self.assertRaisesRegex(raynest.BusyError, said):
+            blocks(cluster)
+        self.assertEqual(notes, [])
+
+    def test_columns_go_to_others_where_a_host_finds_no_room_any_more(self):
+        cluster = self.cluster(1)
+        first, = cluster.client.scheduler_info()["workers"]
+        cluster.environment["RAYNESTD"] = self.small()
+        cluster.workers.append(cluster.add())
+        cluster.wait(2)
+        whole = self.client.mesh(*LARGE).trace(RAYS, fields=("t",))["t"]
+        # As if it had had room at the time of the call.
+        with self.told(), unittest.mock.patch.object(many.Deal, "good", lambda _deal: []):
+            found = many.arrays(cluster.client, LARGE, RAYS, fields=("t",), item_rays=500,
+                                setup=many.Setup("", "worker", ("--threads", "1")))["t"]
+        np.testing.assert_array_equal(cluster.client.compute(found, sync=True), whole)
+
     def test_a_host_that_fails_beside_a_good_one_is_named(self):
-        small = self.out / "raynestd"
-        small.write_text(f'#!/bin/sh\nexec {self.raynestd} --memory 64M "$@"\n')
-        small.chmod(0o755)
         odd = ("from raynest import _deal, _notes\nmake = _deal.make_item\n"
                "_deal.make_item = lambda *given: ('the worker ' + __import__('distributed').get_worker().address, 'odd', _notes.Told()) "
                "if given[3] == 'trace' else make(*given)")
-        large = np.random.default_rng(1).uniform(-60, 60, (900000, 3)), np.arange(900000).reshape(-1, 3)
         for what, scene, raynestd, patch, said in (
-                ("no room", large, small, "", "the worker {} has no room for the scene, whose files have [0-9]+ MB: .*--memory.*"),
+                ("no room", LARGE, self.small(), "", "the worker {} has no room for the scene, whose files have [0-9]+ MB: .*--memory.*"),
                 ("no daemon", MESH, "/nowhere", "", r"the worker {} failed at (an item|[0-9]+ items) \(FailedError: the worker {} "
                                                     r"cannot start /nowhere: .*\), made elsewhere"),
                 ("odd answers", MESH, self.raynestd, odd, r"the worker {} failed at (an item|[0-9]+ items) \(FailedError: the worker {} "
@@ -202,7 +249,7 @@ class Alone(WithCluster):
             with self.subTest(what):
                 cluster = self.cluster(1)
                 first, = cluster.client.scheduler_info()["workers"]
-                cluster.environment["RAYNESTD"] = str(raynestd)
+                cluster.environment["RAYNESTD"] = raynestd
                 cluster.workers.append(cluster.add(patch))
                 cluster.wait(2)
                 bad, = set(cluster.client.scheduler_info()["workers"]) - {first}
