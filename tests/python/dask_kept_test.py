@@ -102,7 +102,7 @@ class OnTheCluster(WithCluster):
         scene, other = many.prepare(*ground(20)), many.prepare(*ground(20, 3))
         own, users = set(scene._pieces), set(other._pieces)
         many.trace(cluster.client, scene, RAYS, setup=self.setup)
-        self.assertEqual(self.pieces(cluster), own)
+        until(lambda: self.pieces(cluster) == own, lambda: self.pieces(cluster))
         sent, send = set(), many.Prepared.send
 
         def noted(prepared, cluster, keys, *how):

@@ -422,6 +422,10 @@ class Moving(WithCluster):
         with self.subTest("a worker finds it out"), self.assertRaisesRegex(raynest.Error, r"^scans\[1\]: .*camera"):
             many.sweep(cluster.client, scene, [(1, RAYS), (2, generators.camera(size=(8, 8), camera=9))], setup=self.setup)
         self.assertEqual(many.sweep(cluster.client, scene, [], setup=self.setup), [])
+        with self.subTest("this machine finds it out"), warnings.catch_warnings(), self.assertRaisesRegex(
+                raynest.Error, r"^scans\[0\]: no worker finished an item.*camera"):
+            warnings.simplefilter("ignore", raynest.RayWarning)
+            many.sweep(self.cluster(0).client, scene, [(1, generators.camera(size=(8, 8), camera=9))], setup=self.setup, patience=0.2)
         with self.assertRaisesRegex(raynest.UsageError, "epoch= is of a scan here"):
             many.sweep(cluster.client, scene, scans, epoch=1, setup=self.setup)
         with self.assertRaisesRegex(raynest.UsageError, "an epoch of 3: it must be a whole number from 0 to 2"):

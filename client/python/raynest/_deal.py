@@ -440,7 +440,7 @@ class Deal:
     def _not_made_here(self, item: int, error: BaseException) -> list[tuple[int, Any]]:
         """Raises the error, unless this machine alone is no good for the item, and a worker may come yet."""
         if self._alone or not self._nobody or type(error) not in (FailedError, ConnectError):
-            raise error
+            raise of_scan(item, error) if self._apart and isinstance(error, Error) else error
         assert isinstance(error, Error)
         self._cannot = self._cannot or (time.monotonic(), error)
         self._here.pop(item, None)

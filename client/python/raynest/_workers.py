@@ -124,8 +124,9 @@ class Host(Daemon):
         for held in list(self._threads):
             if held.making.acquire(blocking=False):
                 try:
-                    if held.left <= since:
-                        held.let_go()
+                    with contextlib.suppress(Error):    # its connection is lost, and with that what it held
+                        if held.left <= since:
+                            held.let_go()
                 finally:
                     held.making.release()
             have += bool(held.scenes or held.changed[1])
