@@ -1,10 +1,28 @@
 // The daemon: what administrators and reloads change while it runs.
 #include "server/daemon/notify.h"
 #include "server/daemon/wiring.h"
+#include "server/ground/limited_log.h"
+#include "server/ground/log.h"
 #include "server/options/limits_in_force.h"
 #include "server/options/reload.h"
+#include "server/scheduling/dispatched_task.h"
+
+#include <exception>
+#include <memory>
+#include <string>
+#include <utility>
 
 namespace raynest::server {
+namespace {
+
+/// Tells systemd that a reload is under way, while it exists.
+struct Reloading {
+    Reloading() { notify("RELOADING=1"); }
+    Reloading(const Reloading&) = delete;
+    ~Reloading() { notify("READY=1"); }
+};
+
+}  // namespace
 
 void Daemon::end_revoked(bool is_site_smaller) {
     const auto valid = [this, now = WallClock::now()](const Principal& principal) {
@@ -21,14 +39,49 @@ void Daemon::end_revoked(bool is_site_smaller) {
     detached_.end_unless(valid, {Code::not_allowed, "the owner of this job" + why, 0});
 }
 
-Reply<std::string> Daemon::reload() {
-    notify("RELOADING=1");
-    const Reload done = reload_options(
-        options_, read_again_ ? read_again_() : Result<Options>(options_), credentials_, open_);
-    apply_options();
-    end_revoked(done.is_site_smaller);
-    notify("READY=1");
-    return told(done);
+void Daemon::elsewhere(std::function<std::function<void()>()> work) {
+    compute_.submit("", Priority::high, [this, work = std::move(work)] {
+        std::function<void()> then;
+        try {
+            then = work();
+        } catch (const std::exception& error) {
+            log_limited(LogLevel::error, "handler_failed", "", {{"reason", error.what()}});
+            return;
+        }
+        post_surely(context_.post, then);
+    });
+}
+
+void Daemon::look_at_credentials() {
+    if (credentials_.any_expired(WallClock::now())) end_revoked();
+    if (!credentials_.tokens_changed()) return;
+    elsewhere([this, options = credentials_.options()]() -> std::function<void()> {
+        const auto files = std::make_shared<Credentials::Files>(Credentials::read_tokens(options));
+        return [this, files] {
+            if (!credentials_.take(std::move(*files))) return;
+            log(LogLevel::info, "tokens_read",
+                {{"rows", std::to_string(credentials_.authentication().tokens().rows().size())}});
+            end_revoked();
+        };
+    });
+}
+
+std::function<Administration::Take()> Daemon::reload() {
+    const auto options = [read = read_again_, now = options_] { return read ? read() : now; };
+    return [this, options, now = options_.security, number = ++reloads_begun_]() -> Take {
+        const auto told_of = std::make_shared<Reloading>();
+        const auto read = std::make_shared<ReadAgain>(read_again(options, now));
+        return [this, told_of, read, number]() -> Reply<std::string> {
+            if (number < reload_taken_) return std::string("a later reload was faster");
+            reload_taken_ = number;
+            const Reload done = reload_options(options_, std::move(*read), credentials_, open_);
+            apply_options();
+            // Later: who asked for the reload may be ended by it.
+            context_.post(
+                [this, is_site_smaller = done.is_site_smaller] { end_revoked(is_site_smaller); });
+            return told(done);
+        };
+    };
 }
 
 void Daemon::apply_options() {

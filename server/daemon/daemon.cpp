@@ -118,6 +118,8 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
     peers_.set_spares([this] { scenes_.drop_spares(); });
     scenes_.set_disposal(
         [this](std::shared_ptr<const void> memory) { dispose(compute_, "", std::move(memory)); });
+    credentials_.set_disposal(
+        [this](std::shared_ptr<const void> rows) { dispose(compute_, "", std::move(rows)); });
     services_.administration = this;
     services_.state = state_.get();
     services_.waker = state_ ? &waker_ : nullptr;
@@ -229,7 +231,7 @@ Result<void> Daemon::run() {
             disk_.submit("", Priority::low, [this] { state_->collect(); });
     });
     repeat(credentials_timer_, credentials_look, [this] {
-        if (credentials_.look(WallClock::now())) end_revoked();
+        look_at_credentials();
         connections_.close_deserted();
         waker_.drop_deserted();
         page_access_.look_at_logins();
@@ -276,7 +278,9 @@ void Daemon::await_signal() {
     signals_.async_wait([this](const SystemError& error, int signal) {
         if (error) return;
         if (signal == SIGHUP) {
-            (void)reload();
+            elsewhere([read = reload()]() -> std::function<void()> {
+                return [take = read()] { (void)take(); };
+            });
             return await_signal();
         }
         if (drain_deadline_ != Clock::time_point::max()) {

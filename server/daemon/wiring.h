@@ -26,6 +26,7 @@
 #include "server/store/state_folder.h"
 
 #include <chrono>
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -63,7 +64,7 @@ public:
     void drain() override {
         asio::post(io_, [this] { begin_to_drain(); });
     }
-    Reply<std::string> reload() override;
+    std::function<Take()> reload() override;
     std::size_t kick(std::uint64_t connection, const std::string& principal) override;
     [[nodiscard]] bool knows(const std::string& principal) override;
     void set_quota(const std::string& principal, const Quota& quota) override;
@@ -84,6 +85,9 @@ private:
     /// Ends connections and detached jobs of principals that would not be admitted again, and every
     /// WebSocket if hosts or proxies of the page were taken away: its next request is judged anew.
     void end_revoked(bool is_site_smaller = false);
+    /// Does `work` on a compute thread, and what it returns on the io thread.
+    void elsewhere(std::function<std::function<void()>()> work);
+    void look_at_credentials();
     void apply_options();
     void remove_own_files() {
         if (!options_.ready_file.empty()) remove_ready_file(options_.ready_file);
@@ -135,8 +139,10 @@ private:
     Handover handover_;
     Clock::time_point drain_deadline_ = Clock::time_point::max();
     std::string why_draining_;  ///< what clients are told; empty: the usual
-    bool serving_ = false;      ///< connections are accepted
-    bool cut_short_ = false;    ///< the drain exceeded its deadline
+    std::uint64_t reloads_begun_ = 0;
+    std::uint64_t reload_taken_ = 0;  ///< the number of the latest one
+    bool serving_ = false;            ///< connections are accepted
+    bool cut_short_ = false;          ///< the drain exceeded its deadline
 };
 
 }  // namespace raynest::server

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <string_view>
+#include <utility>
 
 namespace raynest::server {
 namespace {
@@ -86,9 +87,19 @@ void apply_changes(Options& now, const Options& then, SecurityChange security, R
 
 }  // namespace
 
-Reload reload_options(Options& now, const Result<Options>& then, Credentials& credentials,
+ReadAgain read_again(const std::function<Result<Options>()>& read, const SecurityOptions& now) {
+    Result<Options> then = read();
+    SecurityOptions wanted = then ? then->security : now;
+    wanted.insecure = now.insecure;
+    ReadAgain all{std::move(then), Credentials::read(wanted), {}};
+    if (wanted != now) all.kept = Credentials::read(now);
+    return all;
+}
+
+Reload reload_options(Options& now, ReadAgain read, Credentials& credentials,
                       const std::vector<ListenAddress>& open) {
     Reload reload;
+    const Result<Options>& then = read.then;
     SecurityOptions wanted = now.security;
     if (then) {
         wanted = then->security;
@@ -99,8 +110,16 @@ Reload reload_options(Options& now, const Result<Options>& then, Credentials& cr
         log(LogLevel::error, "configuration_unusable", {{"reason", reload.fault}, {"kept", "old"}});
     }
     const bool stays = !reload.weaker.empty();
-    const auto read = credentials.reload(stays ? now.security : wanted);
-    if (!read && reload.fault.empty()) reload.fault = read.error().message;
+    const auto take = [&](const SecurityOptions& options) -> Result<void> {
+        if (options == read.wanted.options()) return credentials.take(std::move(read.wanted));
+        if (read.kept && options == read.kept->options())
+            return credentials.take(std::move(*read.kept));
+        return {};  // another reload has changed the options meanwhile, and read their files
+    };
+    if (const auto taken = take(stays ? now.security : wanted); !taken) {
+        if (reload.fault.empty()) reload.fault = taken.error().message;
+        if (!stays && wanted != now.security) (void)take(now.security);
+    }
     if (!then) return reload;
     const bool taken = credentials.options() == wanted;
     const bool is_new = !stays && taken && wanted != now.security;

@@ -1,5 +1,7 @@
 // Reads the options of a running daemon again, and takes those that may change while it runs.
 //
+//   read_again(), any thread ──► reload_options(), io thread
+//
 //   options, files ──► weakened()? ──no──► all files usable? ──yes──► taken at once
 //                          │                    └─no──► the old options of security stay
 //                          └─yes──► all options of security that changed wait for a restart
@@ -10,6 +12,8 @@
 #include "server/options/options.h"
 #include "server/security/credentials.h"
 
+#include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -24,12 +28,23 @@ struct Reload {
     std::string fault;             ///< what is wrong with the options or a file; empty: nothing
 };
 
-/// Takes the values of `then` into `now` that may change while the daemon runs: the level and form
+/// The result of reading for a reload.
+struct ReadAgain {
+    Result<Options> then;
+    Credentials::Files wanted;               ///< files of the options of security of `then`
+    std::optional<Credentials::Files> kept;  ///< those of the options before, if they differ
+};
+
+/// Calls `read`, and reads the files of security. `now` are the options that are in force. Any
+/// thread.
+[[nodiscard]] ReadAgain read_again(const std::function<Result<Options>()>& read,
+                                   const SecurityOptions& now);
+
+/// Takes values of what was read into `now` that may change while the daemon runs: the level and form
 /// of the log, security, --http-host, fewer proxies, and the limits that the io thread alone reads.
-/// Reads the files of security again. `open` are the addresses listened on. Logs what a restart is
-/// needed for, and what is open to whom if that has changed.
-[[nodiscard]] Reload reload_options(Options& now, const Result<Options>& then,
-                                    Credentials& credentials,
+/// Takes the files of security. `open` are the addresses listened on. Logs what a restart is needed
+/// for, and what is open to whom if that has changed.
+[[nodiscard]] Reload reload_options(Options& now, ReadAgain read, Credentials& credentials,
                                     const std::vector<ListenAddress>& open);
 
 /// Logs the result, and returns it in words for an administrator. Fails with FILE_UNUSABLE.

@@ -3,6 +3,7 @@
 #include <grp.h>
 #include <sys/types.h>
 
+#include <array>
 #include <charconv>
 
 namespace raynest::server {
@@ -26,8 +27,10 @@ std::optional<unsigned> to_group(const std::string& text) {
     const auto [end, error] = std::from_chars(text.data(), last, number);
     // Reject -1: chown() would keep the group, and the wider mode would apply to that one.
     if (error == std::errc{} && end == last && number != static_cast<gid_t>(-1)) return number;
-    // getgrnam() is safe here: no other thread has started yet.
-    const group* known = getgrnam(text.c_str());  // NOLINT(concurrency-mt-unsafe)
+    std::array<char, 1 << 16> buffer{};  // a group may have many members
+    group entry{};
+    group* known = nullptr;
+    (void)getgrnam_r(text.c_str(), &entry, buffer.data(), buffer.size(), &known);
     return known == nullptr ? std::nullopt : std::optional<unsigned>(known->gr_gid);
 }
 

@@ -12,6 +12,11 @@
 #include "server/store/backup.h"
 #include "server/store/state_folder.h"
 
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
 #include <utility>
 
 namespace raynest::server {
@@ -112,6 +117,41 @@ Reply<Answer> collect_garbage(const Services& services, const Caller& caller) {
     return Answer{std::move(accepted)};
 }
 
+/// Reads what a reload needs on a compute thread, and takes it on the io thread.
+class ReloadJob final : public Job {
+public:
+    ReloadJob(Administration& daemon, const Caller& caller)
+        : id_(caller.request_id),
+          read_(daemon.reload()) {}
+
+    std::optional<Task> next() override {
+        if (std::exchange(began_, true)) return std::nullopt;
+        Task task;
+        task.run = [this](const Stop&) -> Reply<Frames> {
+            take_ = read_();
+            return Frames{};
+        };
+        return task;
+    }
+    Reply<void> ended() override {
+        auto text = take_();
+        if (!text) return tl::unexpected(text.error());
+        wire::AdminReportT report;
+        report.text = std::move(*text);
+        answer_.push_back(protocol::answer(id_, report));
+        return {};
+    }
+    [[nodiscard]] bool finished() const override { return began_; }
+    Frames farewell() override { return std::move(answer_); }
+
+private:
+    const std::uint64_t id_;
+    const std::function<Administration::Take()> read_;
+    bool began_ = false;
+    Administration::Take take_;  ///< set by the task
+    Frames answer_;
+};
+
 }  // namespace
 
 Reply<Answer> admin(const Services& services, const Caller& caller,
@@ -137,9 +177,11 @@ Reply<Answer> admin(const Services& services, const Caller& caller,
         if (const auto answered = answer_quota(services, *message.table, report); !answered)
             return tl::unexpected(answered.error());
     } else if (act == "reload") {
-        auto reloaded = daemon.reload();
-        if (!reloaded) return tl::unexpected(reloaded.error());
-        report.text = std::move(*reloaded);
+        JobSubmission accepted;
+        accepted.kind = "reload";
+        accepted.priority = Priority::high;
+        accepted.job = std::make_unique<ReloadJob>(daemon, caller);
+        return Answer{std::move(accepted)};
     } else if (act == "drain") {
         daemon.drain();
         report.text = "the daemon takes no more work and ends when its jobs have ended";

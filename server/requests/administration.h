@@ -5,6 +5,7 @@
 #include "server/security/principal.h"
 
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -31,9 +32,12 @@ public:
     [[nodiscard]] virtual std::vector<ConnectionRow> connections(std::uint64_t after) const = 0;
     /// Begins to end the daemon, as SIGTERM does.
     virtual void drain() = 0;
-    /// Reads certificates, tokens and the configuration again, as SIGHUP does. Returns what
-    /// happened; fails with FILE_UNUSABLE and the first mistake, after which the old content stays.
-    virtual Reply<std::string> reload() = 0;
+    /// Takes what a reload has read. Returns what happened; fails with FILE_UNUSABLE and the first
+    /// mistake, after which the old content stays.
+    using Take = std::function<Reply<std::string>()>;
+    /// Begins to read certificates, tokens and the configuration again, as SIGHUP does: call what it
+    /// returns on any thread, and what that returns on the io thread. Nothing changes before.
+    [[nodiscard]] virtual std::function<Take()> reload() = 0;
     /// Ends one connection, or all of a principal. Returns their number.
     virtual std::size_t kick(std::uint64_t connection, const std::string& principal) = 0;
     /// True if the principal is connected, holds scenes or jobs, or has a row in the token file.

@@ -161,7 +161,7 @@ Reply<Principal> Authentication::by_code(const PeerIdentity& peer, std::string_v
 
 Reply<Principal> Authentication::by_token(const PeerIdentity& peer, std::string_view token,
                                           Time now, WallClock::time_point wall, Audit audited) {
-    const TokenRow* row = tokens_.find_token(token, wall);
+    const TokenRow* row = tokens_->find_token(token, wall);
     if (row == nullptr)
         return refuse_secret(peer, now, "unknown, expired or revoked token",
                              "the token is unknown here, has expired or was revoked; ask for a new "
@@ -178,7 +178,7 @@ std::optional<Principal> Authentication::holder_of(
         return std::nullopt;
     Admittance admittance{Admittance::By::certificate};
     admittance.certificate = certificate;
-    const TokenRow* row = tokens_.find_name(subject);
+    const TokenRow* row = tokens_->find_name(subject);
     if (row == nullptr) return Principal{subject, {}, Role::user, "", 0, std::move(admittance)};
     if (!lets_in(*row, TokenRow::Kind::certificate, wall)) return std::nullopt;
     return principal_of(*row, std::move(admittance));
@@ -265,7 +265,7 @@ bool Authentication::still_valid(const Principal& principal, WallClock::time_poi
             return again && again->credential == principal.credential;
         }
         case Admittance::By::token: {
-            const TokenRow* row = tokens_.find_name(principal.id);
+            const TokenRow* row = tokens_->find_name(principal.id);
             return policy_.tokens && row != nullptr && lets_in(*row, TokenRow::Kind::token, wall) &&
                    credential_of(*row) == principal.credential;
         }

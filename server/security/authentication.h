@@ -19,9 +19,11 @@
 #include <chrono>
 #include <functional>
 #include <map>
+#include <memory>
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 
 namespace raynest::server {
 
@@ -74,8 +76,11 @@ public:
     void set_policy(const AccessPolicy& policy) { policy_ = policy; }
     /// Sets how certificates are judged. Without it no certificate is trusted.
     void set_trust(Trust trust) { trust_ = std::move(trust); }
-    void set_tokens(TokenTable tokens) { tokens_ = std::move(tokens); }
-    [[nodiscard]] const TokenTable& tokens() const { return tokens_; }
+    /// Returns the rows before, because to free many takes long.
+    std::shared_ptr<const TokenTable> set_tokens(std::shared_ptr<const TokenTable> tokens) {
+        return std::exchange(tokens_, std::move(tokens));
+    }
+    [[nodiscard]] const TokenTable& tokens() const { return *tokens_; }
 
     /// Identifies a peer. Fails with NOT_ALLOWED and the remedy, or with BUSY if its token is wrong
     /// and several from its address were.
@@ -133,7 +138,7 @@ private:
 
     AccessPolicy policy_;
     Trust trust_;
-    TokenTable tokens_;
+    std::shared_ptr<const TokenTable> tokens_ = std::make_shared<TokenTable>();
     std::set<WallClock::time_point> certificate_ends_;  ///< ends of admitted peers' certificates
     LoginFailures failures_;
     PageLogins logins_;

@@ -3,7 +3,7 @@
 #include "server/ground/log.h"
 #include "server/security/file_place.h"
 
-#include <algorithm>
+#include <utility>
 
 namespace raynest::server {
 namespace {
@@ -43,36 +43,47 @@ Credentials::Version Credentials::version_of(const std::filesystem::path& file) 
         static_cast<std::int64_t>(status.st_ctim.tv_sec) * 1'000'000'000 + status.st_ctim.tv_nsec};
 }
 
-Result<void> Credentials::load() {
-    auto tls = read_tls(options_);
-    if (!tls) return tl::unexpected(tls.error());
-    auto tokens = read_tokens(options_);
-    if (!tokens) return tl::unexpected(tokens.error());
-    take(std::move(*tls));
-    take(std::move(*tokens));
-    return {};
+Credentials::Files Credentials::read(const SecurityOptions& options) {
+    Files files = read_tokens(options);
+    files.tls_ = tls_of(options);
+    return files;
 }
 
-Result<void> Credentials::reload(const SecurityOptions& options) {
-    auto tls = logged(read_tls(options), "certificate_unusable");
-    auto tokens = logged(read_tokens(options), "tokens_unusable");
+Credentials::Files Credentials::read_tokens(const SecurityOptions& options) {
+    Files files;
+    files.options_ = options;
+    files.tokens_ = tokens_of(options);
+    return files;
+}
+
+Result<void> Credentials::load() {
+    Files files = read(options_);
+    if (!*files.tls_) return tl::unexpected(files.tls_->error());
+    if (!files.tokens_) return tl::unexpected(files.tokens_.error());
+    return take(std::move(files));
+}
+
+Result<void> Credentials::take(Files files) {
+    // A token file alone changes no options; a reload has changed them meanwhile, and read its own.
+    if (!files.tls_ && files.options_ != options_) return {};
+    if (files.tls_) files.tls_ = logged(std::move(*files.tls_), "certificate_unusable");
+    files.tokens_ = logged(std::move(files.tokens_), "tokens_unusable");
     Result<void> done;
-    if (!tls)
-        done = tl::unexpected(tls.error());
-    else if (!tokens)
-        done = tl::unexpected(tokens.error());
-    if (!done && options != options_) {
-        (void)reload(options_);
-        return done;
+    if (files.tls_ && !*files.tls_)
+        done = tl::unexpected(files.tls_->error());
+    else if (!files.tokens_)
+        done = tl::unexpected(files.tokens_.error());
+    if (files.options_ != options_) {
+        if (!done) return done;
+        options_ = std::move(files.options_);
+        authentication_.set_policy(policy_of(options_));
     }
-    options_ = options;
-    if (tls) take(std::move(*tls));
-    if (tokens) take(std::move(*tokens));
-    authentication_.set_policy(policy_of(options_));
+    if (files.tls_ && *files.tls_) take(std::move(**files.tls_));
+    if (files.tokens_) take(std::move(*files.tokens_));
     return done;
 }
 
-Result<Credentials::Tls> Credentials::read_tls(const SecurityOptions& options) {
+Result<Credentials::Tls> Credentials::tls_of(const SecurityOptions& options) {
     if (options.tls.certificate.empty()) return Tls();
     auto tls = TlsContext::load(options.tls);
     if (!tls) return tls;
@@ -95,7 +106,7 @@ void Credentials::take(Tls tls) {
              {"remedy", "raynestd tls renew DIR, then SIGHUP"}});
 }
 
-Result<Credentials::Tokens> Credentials::read_tokens(const SecurityOptions& options) {
+Result<Credentials::Tokens> Credentials::tokens_of(const SecurityOptions& options) {
     if (options.tokens.empty()) return Tokens();
     // Take the version first: a change during the read is seen by the next look.
     const Version version = version_of(options.tokens);
@@ -103,37 +114,25 @@ Result<Credentials::Tokens> Credentials::read_tokens(const SecurityOptions& opti
     if (!table) return tl::unexpected(table.error());
     if (const std::string why = place_fault(options.tokens, "let in whom they like"); !why.empty())
         return file_failed(options.tokens, why);
-    return Tokens{std::move(*table), version};
+    return Tokens{std::make_shared<const TokenTable>(std::move(*table)), version};
 }
 
 void Credentials::take(Tokens tokens) {
     tokens_version_ = tokens.version;
-    authentication_.set_tokens(std::move(tokens.table));
-    find_next_expiry(WallClock::now());
+    dispose_(authentication_.set_tokens(std::move(tokens.table)));
+    next_expiry_ = authentication_.tokens().next_expiry(WallClock::now());
 }
 
-void Credentials::find_next_expiry(WallClock::time_point now) {
-    next_expiry_ = WallClock::time_point::max();
-    for (const TokenRow& row : authentication_.tokens().rows())
-        if (row.expires && *row.expires > now) next_expiry_ = std::min(next_expiry_, *row.expires);
+bool Credentials::tokens_changed() {
+    if (options_.tokens.empty()) return false;
+    const Version now = version_of(options_.tokens);
+    return now != std::exchange(tokens_version_, now);
 }
 
-bool Credentials::look(WallClock::time_point now) {
-    bool changed = authentication_.certificates_ended(now);
-    if (now >= next_expiry_) {
-        find_next_expiry(now);
-        changed = true;
-    }
-    if (options_.tokens.empty()) return changed;
-    const Version version = version_of(options_.tokens);
-    if (version == tokens_version_) return changed;
-    // Read each version once: an unusable one is logged once.
-    tokens_version_ = version;
-    auto tokens = logged(read_tokens(options_), "tokens_unusable");
-    if (!tokens) return changed;
-    take(std::move(*tokens));
-    log(LogLevel::info, "tokens_read",
-        {{"rows", std::to_string(authentication_.tokens().rows().size())}});
+bool Credentials::any_expired(WallClock::time_point now) {
+    const bool certificates = authentication_.certificates_ended(now);
+    if (now < next_expiry_) return certificates;
+    next_expiry_ = authentication_.tokens().next_expiry(now);
     return true;
 }
 

@@ -1,5 +1,8 @@
 // The certificates and tokens of a running daemon: read at the start, watched and read again.
 //
+//   files ──read(), any thread──► Files ──take(), io thread──► who is admitted from now on
+//
+// To read them takes long where they are large or on a slow disk, and the io thread serves everybody.
 // A file that became unusable changes nothing: the daemon goes on with what it had, and says so.
 #pragma once
 
@@ -9,6 +12,7 @@
 #include <sys/stat.h>
 
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 
@@ -35,15 +39,30 @@ public:
                          Metrics::Counter* refused = nullptr);
     Credentials(const Credentials&) = delete;
 
+    /// The content of the files that some options name, or why one is unusable.
+    class Files;
+    /// Reads all files. Any thread.
+    [[nodiscard]] static Files read(const SecurityOptions& options);
+    /// Reads the token file alone. Any thread.
+    [[nodiscard]] static Files read_tokens(const SecurityOptions& options);
+
     /// Reads all files. Fails with the first that is unusable.
     Result<void> load();
-    /// Reads all files again, which `options` may name anew. A file that is unusable is logged, and
-    /// what it said before stays; of options that changed, then none is taken. Fails with the first
-    /// such file. Afterwards ask still_valid() about everybody who was admitted.
-    Result<void> reload(const SecurityOptions& options);
-    /// Reads the token file again if it has changed. True if rows may have changed, or rows or
-    /// certificates expired since the last call: then ask still_valid() about everybody.
-    bool look(WallClock::time_point now);
+    /// Takes what was read, and its options. A file that is unusable is logged, and what it said
+    /// before stays; of options that changed, then none is taken. Fails with the first such file.
+    /// Afterwards ask still_valid() about everybody who was admitted.
+    Result<void> take(Files files);
+    /// True if the token file is another than the one that was taken last: read it and take it. Says
+    /// it once of each version. Of two that are read at a time, the older may be taken last, and is
+    /// found by the next call.
+    [[nodiscard]] bool tokens_changed();
+    /// True if rows or certificates have expired since the last call: then ask still_valid() about
+    /// everybody.
+    [[nodiscard]] bool any_expired(WallClock::time_point now);
+    /// Sets what frees rows that are not needed any more: there may be many.
+    void set_disposal(std::function<void(std::shared_ptr<const void>)> dispose) {
+        dispose_ = std::move(dispose);
+    }
 
     /// The options that count now.
     [[nodiscard]] const SecurityOptions& options() const { return options_; }
@@ -64,23 +83,34 @@ private:
     };
     /// The token file as it was read; no rows without one.
     struct Tokens {
-        TokenTable table;
-        Version version;
+        std::shared_ptr<const TokenTable> table = std::make_shared<TokenTable>();
+        Version version = {};
     };
     using Tls = std::shared_ptr<const TlsContext>;
 
     static Version version_of(const std::filesystem::path& file);
-    static Result<Tls> read_tls(const SecurityOptions& options);
-    static Result<Tokens> read_tokens(const SecurityOptions& options);
+    static Result<Tls> tls_of(const SecurityOptions& options);
+    static Result<Tokens> tokens_of(const SecurityOptions& options);
     void take(Tls tls);
     void take(Tokens tokens);
-    void find_next_expiry(WallClock::time_point now);
 
     SecurityOptions options_;
     std::shared_ptr<const TlsContext> tls_;
     Authentication authentication_;
     Version tokens_version_;
     WallClock::time_point next_expiry_ = WallClock::time_point::max();
+    std::function<void(std::shared_ptr<const void>)> dispose_ = [](const auto&) {};
+};
+
+class Credentials::Files {
+public:
+    [[nodiscard]] const SecurityOptions& options() const { return options_; }
+
+private:
+    friend class Credentials;
+    SecurityOptions options_;
+    std::optional<Result<Tls>> tls_;  ///< empty: they were not read
+    Result<Tokens> tokens_;
 };
 
 }  // namespace raynest::server

@@ -3,15 +3,14 @@
 #include "protocol/validate.h"
 #include "server/ground/size.h"
 
-#include <openssl/crypto.h>
 #include <openssl/evp.h>
 #include <openssl/rand.h>
 
 #include <algorithm>
 #include <charconv>
 #include <new>
-#include <set>
 #include <sstream>
+#include <utility>
 
 namespace raynest::server {
 namespace {
@@ -160,7 +159,6 @@ Result<TokenTable> TokenTable::parse(std::string_view content) {
     TokenTable table;
     std::istringstream lines{std::string(content)};
     std::string line;
-    std::set<std::string> names;
     for (std::size_t number = 1; std::getline(lines, line); ++number) {
         const std::size_t first = line.find_first_not_of(" \t\r");
         if (first == std::string::npos || line[first] == '#') continue;
@@ -170,9 +168,9 @@ Result<TokenTable> TokenTable::parse(std::string_view content) {
         if (!protocol::printable(line)) return refuse("it is not printable text");
         auto row = to_row(line);
         if (!row) return refuse(row.error());
-        if (!names.insert(row->name).second)
+        if (table.find_name(row->name) != nullptr)
             return refuse("'" + row->name + "' has a row above; keep one of them");
-        table.rows_.push_back(std::move(*row));
+        table.add(std::move(*row));
     }
     return table;
 }
@@ -229,27 +227,42 @@ std::string TokenTable::to_text() const {
 }
 
 const TokenRow* TokenTable::find_token(std::string_view token, WallClock::time_point now) const {
-    const TokenHash hash = hash_token(token);
+    // The last valid one of rows for the same token counts.
     const TokenRow* found = nullptr;
-    for (const TokenRow& row : rows_) {
-        const bool equal = CRYPTO_memcmp(hash.data(), row.hash.data(), hash.size()) == 0;
-        if (equal && row.kind == TokenRow::Kind::token && is_valid_at(row, now)) found = &row;
-    }
+    const auto [first, end] = by_hash_.equal_range(hash_token(token));
+    for (auto at = first; at != end; ++at)
+        if (const TokenRow& row = rows_[at->second]; is_valid_at(row, now)) found = &row;
     return found;
 }
 
 const TokenRow* TokenTable::find_name(std::string_view name) const {
-    const auto found = std::ranges::find(rows_, name, &TokenRow::name);
-    return found == rows_.end() ? nullptr : &*found;
+    const auto found = by_name_.find(name);
+    return found == by_name_.end() ? nullptr : &rows_[found->second];
+}
+
+WallClock::time_point TokenTable::next_expiry(WallClock::time_point now) const {
+    const auto next = expiries_.upper_bound(now);
+    return next == expiries_.end() ? WallClock::time_point::max() : *next;
+}
+
+void TokenTable::add(TokenRow row) {
+    const std::size_t place = rows_.size();
+    by_name_.emplace(row.name, place);
+    if (row.kind == TokenRow::Kind::token) by_hash_.emplace(row.hash, place);
+    if (row.expires) expiries_.insert(*row.expires);
+    rows_.push_back(std::move(row));
 }
 
 void TokenTable::put(TokenRow row) {
     erase(row.name);
-    rows_.push_back(std::move(row));
+    add(std::move(row));
 }
 
 bool TokenTable::erase(std::string_view name) {
-    return std::erase_if(rows_, [&](const TokenRow& row) { return row.name == name; }) != 0;
+    if (find_name(name) == nullptr) return false;
+    for (TokenRow& row : std::exchange(*this, {}).rows_)
+        if (row.name != name) add(std::move(row));
+    return true;
 }
 
 }  // namespace raynest::server

@@ -14,8 +14,12 @@
 
 #include <array>
 #include <chrono>
+#include <cstddef>
 #include <filesystem>
+#include <functional>
+#include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -67,11 +71,13 @@ public:
     [[nodiscard]] Result<void> write(const std::filesystem::path& file) const;
     [[nodiscard]] std::string to_text() const;
 
-    /// Returns the row of a token, null if there is none or it has expired. Compares all rows in
-    /// full, so that the time tells nothing about their hashes.
+    /// Returns the row of a token, null if there is none or it has expired. The time tells at most
+    /// how a hash begins, which helps nobody to find its token.
     [[nodiscard]] const TokenRow* find_token(std::string_view token,
                                              WallClock::time_point now) const;
     [[nodiscard]] const TokenRow* find_name(std::string_view name) const;
+    /// Returns when the next row after `now` expires; max if none does.
+    [[nodiscard]] WallClock::time_point next_expiry(WallClock::time_point now) const;
 
     [[nodiscard]] const std::vector<TokenRow>& rows() const { return rows_; }
     /// Adds a row, or replaces the one of the same name.
@@ -83,7 +89,13 @@ private:
     static Result<TokenTable> parse_file(const std::filesystem::path& file,
                                          const Result<std::string>& content);
 
+    void add(TokenRow row);
+
+    // A file may have tens of thousands of rows, and the io thread looks for one with each Hello.
     std::vector<TokenRow> rows_;
+    std::map<std::string, std::size_t, std::less<>> by_name_;  ///< places in rows_
+    std::multimap<TokenHash, std::size_t> by_hash_;            ///< the same of tokens alone
+    std::set<WallClock::time_point> expiries_;
 };
 
 }  // namespace raynest::server

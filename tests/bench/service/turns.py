@@ -29,6 +29,7 @@ SIDE = 8192         # picture_pixels_max is its square
 UPLOAD = 8 << 20    # window_bytes
 EDIT_ROW = 112      # bytes
 EDIT_ROWS = 64
+TOKENS = 20_000
 MOVES_ALL = (1, 0, 1, 0, 1, 0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0)  # move, the first text, by text, in the world: by 1
 QUERY_RAYS, UPLOADED = 25, 9  # numbers of messages that have a bulk part
 
@@ -234,6 +235,25 @@ def measure_state(turns, instances):
     turns.measure("Restore", restore)
 
 
+def measure_tokens(turns, tokens, rows):
+    """Measures a token file with so many rows."""
+    many = "".join(f"token user never - {i:064x} t{i}\n" for i in range(rows))
+
+    def watched(peer):
+        with open(tokens.file, "a") as file:
+            file.write("# read again\n")
+        time.sleep(1)
+        peer.say("Ping", 1, {})
+        finish(peer, 1)
+
+    with open(tokens.file, "a") as file:
+        file.write(many)
+    time.sleep(2)
+    turns.measure(f"a Hello with one of {rows} tokens", lambda _: greeted(turns.daemon, turns.token).close())
+    turns.measure(f"{rows} tokens, read because the file changed", watched)
+    turns.ask("Admin", {"act": "reload"}, f"Admin reload with {rows} tokens")
+
+
 def rsa_certificate(certificates, folder):
     """A certificate with a key of 4096 bits, as options of the daemon."""
     key, request, made = folder / "rsa.pem", folder / "rsa.csr", folder / "rsa-cert.pem"
@@ -272,6 +292,7 @@ def main():
         try:
             turns = Turns(daemon, token, words.json)
             measure_state(turns, words.instances)
+            measure_tokens(turns, tokens, TOKENS)
             rows += turns.rows
         finally:
             daemon.stop()

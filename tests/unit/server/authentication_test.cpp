@@ -44,7 +44,9 @@ struct GuardedDaemon {
         table.put({TokenRow::Kind::certificate, "CN=robot", Role::admin, {}, {}, {}});
         return table;
     }
-    void put(TokenTable table) { authentication.set_tokens(std::move(table)); }
+    void put(TokenTable table) {
+        authentication.set_tokens(std::make_shared<const TokenTable>(std::move(table)));
+    }
     Reply<Principal> come(const PeerIdentity& peer, const std::string& token,
                           WallClock::time_point wall = noon) {
         return authentication.identify(peer, token, now, wall);

@@ -27,7 +27,7 @@ TEST_CASE("a peer whose user is unknown needs a token") {
     const std::string token = new_token();
     TokenTable rows;
     rows.put({TokenRow::Kind::token, "bob", Role::user, hash_token(token), {}, {}});
-    daemon.set_tokens(std::move(rows));
+    daemon.set_tokens(std::make_shared<const TokenTable>(std::move(rows)));
     for (const auto& found :
          {daemon.identify(unknown, "", {}, {}), daemon.identify_request(unknown, "", "", {}, {})}) {
         REQUIRE(!found);

@@ -117,7 +117,15 @@ struct Running {
         options.listen = {};
         for (const ListenAddress& address : open) options.listen.push_back(address.value);
     }
-    Reload reload(const Options& then) { return reload_options(options, then, *credentials, open); }
+    Reload reload(const Options& then) {
+        const auto read = [&] { return Result<Options>(then); };
+        return reload_options(options, read_again(read, options.security), *credentials, open);
+    }
+    /// Reads the token file again if it is another; true if it is good.
+    bool look() {
+        return credentials->tokens_changed() &&
+               credentials->take(Credentials::read_tokens(credentials->options()));
+    }
     /// The role of a peer without token and certificate, by what counts now.
     [[nodiscard]] std::string stranger(const char* transport, Place place) {
         const auto found = credentials->authentication().identify({"p", place, transport}, "", {},
@@ -242,10 +250,10 @@ TEST_CASE(
     CHECK(running.options.security == old);
     CHECK(running.credentials->authentication().tokens().find_name("new") != nullptr);
     // The old file is still the one that is watched.
-    CHECK_FALSE(running.credentials->look(WallClock::now()));
+    CHECK_FALSE(running.look());
     table.put({TokenRow::Kind::token, "more", Role::user, hash_token("more"), {}, {}});
     REQUIRE(table.write(running.folder.file("t")));
-    CHECK(running.credentials->look(WallClock::now()));
+    CHECK(running.look());
 }
 
 TEST_CASE("tokens that a reload brings are watched, and go with the option") {
@@ -261,7 +269,7 @@ TEST_CASE("tokens that a reload brings are watched, and go with the option") {
     const auto alice = daemon.identify(peer, "t", {}, WallClock::now());
     REQUIRE(alice);
     REQUIRE(TokenTable().write(running.folder.file("t")));
-    CHECK(running.credentials->look(WallClock::now()));
+    CHECK(running.look());
     CHECK_FALSE(daemon.still_valid(*alice, WallClock::now()));
     then.security.tokens = running.folder.file("u");
     CHECK(running.reload(then).changed == "tokens");

@@ -41,6 +41,34 @@ TEST_CASE("a table is read as it was written") {
     CHECK(read->rows() == table.rows());
 }
 
+TEST_CASE("rows are found by name and by token, and what is erased or expired is not") {
+    TokenTable table;
+    const auto time = [](int seconds) {
+        return WallClock::time_point(std::chrono::seconds(seconds));
+    };
+    using Kind = TokenRow::Kind;
+    table.put({Kind::token, "a", Role::user, hash_token("x"), time(20), {}});
+    table.put({Kind::token, "b", Role::user, hash_token("x"), time(10), {}});
+    table.put({Kind::token, "c", Role::user, hash_token("y"), {}, {}});
+    table.put({Kind::certificate, "CN=z", Role::user, {}, {}, {}});
+    CHECK(table.find_token("x", time(0))->name == "b");
+    CHECK(table.find_token("x", time(10))->name == "a");
+    CHECK(table.find_token("x", time(20)) == nullptr);
+    CHECK(table.next_expiry(time(0)) == time(10));
+    CHECK(table.next_expiry(time(10)) == time(20));
+    CHECK(table.next_expiry(time(20)) == WallClock::time_point::max());
+    CHECK(table.erase("b"));
+    CHECK_FALSE(table.erase("b"));
+    table.put({Kind::token, "c", Role::viewer, hash_token("w"), {}, {}});
+    CHECK(table.find_token("x", time(0))->name == "a");
+    CHECK(table.find_token("y", time(0)) == nullptr);
+    CHECK(table.find_token("w", time(0)) == table.find_name("c"));
+    CHECK(table.find_name("CN=z")->kind == Kind::certificate);
+    CHECK(table.find_name("b") == nullptr);
+    CHECK(table.next_expiry(time(0)) == time(20));
+    CHECK(table.rows().size() == 3);
+}
+
 TEST_CASE("an invalid row is named by its line") {
     const std::string hash(64, 'a');
     for (const auto& [row, why] :
