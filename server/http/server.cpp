@@ -8,6 +8,7 @@
 #include "server/http/stream.h"
 #include "server/http/websocket_transport.h"
 #include "server/net/socket_transport.h"
+#include "server/net/turns.h"
 
 #include <algorithm>
 #include <array>
@@ -206,7 +207,7 @@ asio::awaitable<void> HttpConnection::shake_hands(SystemError& error) {
     }
     if (error) co_return;
     std::string why;
-    co_await tls.accept(error, why);
+    co_await tls.accept(error, why, peer_.name);
     if (!why.empty()) log_failed_handshake(why);
     if (!error) tls.tell_subject(peer_);
 }
@@ -293,7 +294,12 @@ asio::awaitable<void> HttpConnection::serve() {
             break;
         }
         const HttpRequest asked = to_asked(parser.get(), is_coded || !parser.is_done());
+        Turns& turns = Turns::of(stream_.socket());
+        if (turns.is_over(asked.sender.name)) co_await turns.wait(asked.sender.name);
+        if (!stream_.socket().is_open()) co_return;
+        const auto began = Turns::Clock::now();
         const HttpReply reply = server_.site_.answer(asked);
+        turns.spend(asked.sender.name, Turns::Clock::now() - began);
         count(reply);
         if (reply.status == 101) {
             PeerIdentity peer = asked.sender;

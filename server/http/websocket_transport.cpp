@@ -44,6 +44,7 @@ public:
     }
     asio::awaitable<std::size_t> read(const ReadBuffers& buffers, std::size_t wanted,
                                       SystemError& error) override;
+    [[nodiscard]] bool reads_take_time() const override { return true; }
     std::optional<Unreadable> take_unreadable() override {
         return std::exchange(unreadable_, std::nullopt);
     }
@@ -75,7 +76,7 @@ private:
     [[nodiscard]] Outgoing next_message(const WriteBatch::Rest& rest) const;
     void refuse_upgrade(const WriteBatch::Rest& rest);
 
-    /// Reads the next message up to its bulk part, and converts it.
+    /// Reads the next message up to its bulk part, and converts it unless it is a text.
     asio::awaitable<void> read_message(SystemError& error);
     /// Appends to `message_` until it has `bytes` bytes or the WebSocket message ends.
     asio::awaitable<void> gather(std::size_t bytes, SystemError& error);
@@ -100,12 +101,18 @@ private:
     bool opened_ = false;
     bool in_message_ = false;  ///< a message has begun and not ended
     bool greeted_ = false;     ///< the first message has come
+    /// A message has come, and is to be converted: to parse a text takes long
+    bool is_unparsed_ = false;
 };
 
 asio::awaitable<std::size_t> WebSocketTransport::read(const ReadBuffers& buffers,
                                                       std::size_t /*wanted*/, SystemError& error) {
-    if (frame_sent_ == frame_.size() && bulk_left_ == 0) co_await read_message(error);
-    if (error || unreadable_) co_return 0;
+    if (std::exchange(is_unparsed_, false)) {
+        convert(read_text_message(message_));
+    } else if (frame_sent_ == frame_.size() && bulk_left_ == 0) {
+        co_await read_message(error);
+    }
+    if (error || unreadable_ || is_unparsed_) co_return 0;
     if (frame_sent_ < frame_.size()) {
         const std::size_t bytes = asio::buffer_copy(buffers, asio::buffer(frame_) + frame_sent_);
         frame_sent_ += bytes;
@@ -143,7 +150,8 @@ asio::awaitable<void> WebSocketTransport::read_message(SystemError& error) {
                              std::string("a text message is over ") +
                                  (greeted_ ? "control_bytes_max" : "greeting_bytes_max") + " = " +
                                  std::to_string(most) + " bytes");
-        co_return convert(read_text_message(message_));
+        is_unparsed_ = true;
+        co_return;
     }
     if (message_.size() < protocol::header_bytes)
         co_return refuse(Code::bad_frame, "a binary message begins with a header of 32 bytes");

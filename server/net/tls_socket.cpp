@@ -6,6 +6,7 @@
 #include "server/ground/io_turn.h"
 #include "server/ground/limited_log.h"
 #include "server/net/socket_transport.h"
+#include "server/net/turns.h"
 #include "server/security/pem_file.h"
 
 #include <fmt/format.h>
@@ -108,11 +109,18 @@ asio::awaitable<bool> TlsSocket::starts_plain(SystemError& error) {
     co_return there&& first != handshake_record;
 }
 
-asio::awaitable<void> TlsSocket::accept(SystemError& error, std::string& why) {
+asio::awaitable<void> TlsSocket::accept(SystemError& error, std::string& why,
+                                        const std::string& address) {
+    Turns& turns = Turns::of(socket_);
     while (!error) {
+        if (turns.is_over(address)) co_await turns.wait(address);
+        if (!socket_.is_open()) error = asio::error::operation_aborted;
+        if (error) co_return;
         IoTurn::does("TLS handshake");
         ERR_clear_error();
+        const auto began = Turns::Clock::now();
         const Outcome now = outcome(SSL_accept(tls_.get()));
+        turns.spend(address, Turns::Clock::now() - began);
         accepted_ = now == Outcome::done;
         if (accepted_) co_return;
         if (now == Outcome::ended || now == Outcome::failed) {

@@ -33,8 +33,9 @@ public:
 
     /// Waits for the first bytes; true if they are not those of TLS.
     asio::awaitable<bool> starts_plain(SystemError& error);
-    /// Does the handshake. Fails with the reason in `why`, after the peer could read an alert.
-    asio::awaitable<void> accept(SystemError& error, std::string& why);
+    /// Does the handshake, in turns of the peer's address. Fails with the reason in `why`, after the
+    /// peer could read an alert.
+    asio::awaitable<void> accept(SystemError& error, std::string& why, const std::string& address);
     /// Tells `peer` the subject of its certificate, which OpenSSL has verified, in the form of RFC
     /// 2253: "CN=alice,O=Lab"; or why that names no principal. Without a certificate it tells
     /// nothing.

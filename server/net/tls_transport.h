@@ -22,6 +22,7 @@ public:
                                       SystemError& error) override;
     asio::awaitable<std::size_t> write(const WriteBatch::Rest& rest, SystemError& error) override;
     std::size_t write_now(const WriteBatch::Rest& rest) override;
+    [[nodiscard]] bool reads_take_time() const override { return true; }
     asio::awaitable<void> finish_writing() override;
     void close() override;
     bool is_lost() override;

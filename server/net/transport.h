@@ -37,12 +37,15 @@ public:
     /// WebSocket. It counts towards the time limit for Hello.
     virtual asio::awaitable<void> open(SystemError& /*error*/) { co_return; }
 
-    /// Reads at least one byte; may wait for `wanted` bytes. Reads none where take_unreadable() has
-    /// something to say. Gives others a turn where bytes cost more than to be copied, however many
+    /// Reads bytes; may wait for `wanted` bytes. Reads none where take_unreadable() has something to
+    /// say, and where it has waited and the next call takes long: call it again in your turn. Gives
+    /// others a turn where bytes cost more than to be copied, however many
     /// there are: the caller does not see that time. The caller keeps the arguments of read() and
     /// write() valid until they end.
     virtual asio::awaitable<std::size_t> read(const ReadBuffers& buffers, std::size_t wanted,
                                               SystemError& error) = 0;
+    /// True if read() decrypts or parses for as long as it takes to return bytes.
+    [[nodiscard]] virtual bool reads_take_time() const { return false; }
     /// Returns the message that the last read() could not read; the session refuses it.
     virtual std::optional<Unreadable> take_unreadable() { return std::nullopt; }
     /// Writes at least one byte of `rest`.

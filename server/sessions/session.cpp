@@ -69,6 +69,7 @@ Session::Session(asio::io_context& io, std::unique_ptr<Transport> transport,
     : services_(services),
       connections_(connections),
       io_(io),
+      turns_(Turns::of(io)),
       transport_(std::move(transport)),
       wake_(io, never),
       room_(io, never),
@@ -258,9 +259,17 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
     }
     const Transport::ReadBuffers buffers = {asio::buffer(bulk.data(), bulk.size()),
                                             asio::buffer(stage.data(), stage.size())};
+    co_await take_turn();
+    if (!open_) co_return;
+    const Clock::time_point began = Clock::now();
     const std::size_t got =
         co_await transport_->read(buffers, std::max(bulk.size(), std::size_t{1}), error);
     if (error || !open_) co_return;
+    if (got != 0)
+        turns_.spend(principal(),
+                     transport_->reads_take_time() ? Clock::now() - began : read_time(got));
+    co_await take_turn();
+    if (!open_) co_return;
     if (got == 0)
         if (const auto unreadable = transport_->take_unreadable())
             conversation_.refuse_unreadable(*unreadable);
@@ -270,26 +279,25 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
     const std::size_t direct = std::min(got, bulk.size());
     decoder_.filled(direct);
     std::span<const std::byte> rest = std::span<const std::byte>(stage).first(got - direct);
-    kept_ += read_time(got);
     do {
+        const Clock::time_point handled = Clock::now();
         reading_ = true;
         rest = take_frames(rest);
         reading_ = false;
         write_at_once();
         settle();
-        if (turn_is_over()) co_await yield();
+        turns_.spend(principal(), Clock::now() - handled);
+        co_await take_turn();
         while (open_ && conversation_.is_held_up()) co_await wait(room_);
     } while (open_ && !conversation_.closing() && !rest.empty());
 }
 
-asio::awaitable<void> Session::yield() {
-    kept_ = {};
-    co_await asio::post(io_, asio::use_awaitable);
+asio::awaitable<void> Session::take_turn() {
+    if (turns_.is_over(principal())) co_await turns_.wait(principal());
 }
 
 std::span<const std::byte> Session::take_frames(std::span<const std::byte> bytes) {
-    const Clock::time_point began = Clock::now();
-    const Clock::duration kept_before = kept_;
+    const Clock::time_point end = Clock::now() + turns_.left(principal());
     bool moved = false;
     do {
         const auto taken = decoder_.feed(bytes);
@@ -306,9 +314,8 @@ std::span<const std::byte> Session::take_frames(std::span<const std::byte> bytes
                 decoder_.set_frame_bytes_max(services_.limits.frame_bytes_max);
             }
         }
-        kept_ = kept_before + (Clock::now() - began);
     } while (open_ && !conversation_.closing() && !conversation_.is_held_up() && !bytes.empty() &&
-             !turn_is_over());
+             Clock::now() < end);
     return bytes;
 }
 

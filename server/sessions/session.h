@@ -13,10 +13,10 @@
 #pragma once
 
 #include "protocol/frame.h"
-#include "server/ground/io_turn.h"
 #include "server/net/asio.h"
 #include "server/net/minute_limit.h"
 #include "server/net/transport.h"
+#include "server/net/turns.h"
 #include "server/net/write_batch.h"
 #include "server/requests/administration.h"
 #include "server/scheduling/bandwidth.h"
@@ -101,10 +101,8 @@ private:
     /// Decodes received bytes and passes complete frames to the conversation until they or the turn
     /// end. Returns the bytes that are left.
     std::span<const std::byte> take_frames(std::span<const std::byte> bytes);
-    /// Lets other connections have their turn, if this one has had its own.
-    asio::awaitable<void> yield();
-    /// True if this connection has kept the io thread for a whole turn.
-    [[nodiscard]] bool turn_is_over() const { return kept_ >= turn_time; }
+    /// Waits for the next turn of its principal, if this one is over.
+    asio::awaitable<void> take_turn();
     /// Updates the conversation and the watchdog. Call it after anything that may have changed a
     /// deadline or closed the conversation.
     void settle();
@@ -118,6 +116,7 @@ private:
     const Services& services_;
     Connections& connections_;
     asio::io_context& io_;
+    Turns& turns_;
     const std::unique_ptr<Transport> transport_;
     asio::steady_timer wake_;      ///< wakes the writer: there are frames, or the session closes
     asio::steady_timer room_;      ///< wakes the reader: the outbox shrank
@@ -135,7 +134,6 @@ private:
     Clock::time_point moved_;  ///< when a whole frame was last sent or received
     /// Damaged messages; settle() ends a connection with too many
     MinuteLimit damage_;
-    Clock::duration kept_{0};  ///< for how long it has kept the io thread in this turn
     bool open_ = true;
     bool opened_ = false;   ///< the transport is ready for frames
     bool reading_ = false;  ///< received frames are being handled

@@ -153,6 +153,32 @@ TEST_CASE("a peer that sends many requests at once lets others have their turns"
     CHECK(answered + many->take_frames().size() == requests);
 }
 
+TEST_CASE("the connections of one principal share its turns") {
+    // A message takes the whole turn: the handler of Hello waits, and each connection says one.
+    MemoryDaemon house({},
+                       [](const PeerIdentity& peer, const wire::Hello&,
+                          const protocol::Limits&) -> Reply<Principal> {
+                           if (peer.name == "crowd") std::this_thread::sleep_for(turn_time);
+                           return Principal{peer.name, {}, Role::user};
+                       });
+    constexpr std::size_t crowd_size = 60;
+    std::vector<std::unique_ptr<MemoryPeer>> crowd;
+    for (std::size_t i = 0; i < crowd_size; ++i) crowd.push_back(house.connect("crowd"));
+    const auto one = greeted(house, "one");
+    for (const auto& peer : crowd) peer->say(0, wire::HelloT{});
+    one->say(1, wire::PingT{});
+    house.io.restart();
+    while (one->wire->to_peer.empty()) REQUIRE(house.io.poll_one() != 0);
+    const auto answered = [&] {
+        return std::ranges::count_if(crowd,
+                                     [](const auto& peer) { return !peer->wire->to_peer.empty(); });
+    };
+    // It came last of all, and waits for a round or two.
+    CHECK(answered() <= 2);
+    house.settle();
+    CHECK(answered() == crowd_size);
+}
+
 TEST_CASE("a peer that sends single bytes gives way before one that sent a whole frame later") {
     MemoryDaemon house(hasty());
     const auto slow = greeted(house);
