@@ -86,21 +86,49 @@ Budget::Unpaid::Bytes SceneStore::unpaid_of(const HeldScene& held, const Sharers
         const Entry*& known = oldest[{entry->owner, entry->is_owners()}];
         if (known == nullptr || entry->loaded < known->loaded) known = entry;
     }
-    struct Seen {
-        const Entry* entry;
-        bool pays;
+    /// The entries of others that an owner sees.
+    struct Sight {
+        bool payers = false;  ///< one of those who is charged is among them
+        Clock::time_point oldest = Clock::time_point::max();
+
+        void add(const Sight& other) {
+            payers = payers || other.payers;
+            oldest = std::min(oldest, other.oldest);
+        }
     };
-    std::vector<Seen> seen;
-    for (const auto& [owner, entry] : oldest) seen.push_back({entry, entry->charged_to(payer)});
+    std::map<std::string_view, Sight> seen;
+    for (const auto& [owner, entry] : oldest) seen[owner.first];
+    const auto sight_of = [&](const Entry& entry) {
+        return Sight{entry.charged_to(payer), entry.loaded};
+    };
+    for (const auto& [owner, entry] : oldest) {
+        const auto show = [&, entry = entry, sight = sight_of(*entry)](std::string_view principal) {
+            const auto known = seen.find(principal);
+            if (known != seen.end() && principal != entry->owner) known->second.add(sight);
+        };
+        if (entry->share.is_public()) continue;
+        for (const std::string_view name : entry->share.names()) show(name);
+        for (const auto& [holder, connections] : entry->holders) show(holder);
+    }
+    // Public ones are shown to all others: to those that come later, and then to those before.
+    const auto show_public = [&](auto first, const auto& last) {
+        Sight before, same;
+        for (std::string_view owner; first != last; ++first) {
+            const auto& [key, entry] = *first;
+            if (std::exchange(owner, key.first) != key.first) before.add(std::exchange(same, {}));
+            seen[owner].add(before);
+            if (entry->share.is_public()) same.add(sight_of(*entry));
+        }
+    };
+    show_public(oldest.begin(), oldest.end());
+    show_public(oldest.rbegin(), oldest.rend());
     Budget::Unpaid::Bytes unpaid;
     for (const auto& [owner, entry] : oldest) {
         if (!owner.second || entry->owner == payer) continue;
         // The first of those that it sees would be charged if there were no others.
-        const bool sees_payer = std::ranges::any_of(seen, [&, own = entry](const Seen& other) {
-            return (other.pays || other.entry->loaded < own->loaded) &&
-                   other.entry->owner != own->owner && other.entry->is_shown_to(own->owner);
-        });
-        if (!sees_payer) unpaid.emplace(entry->owner, entry->facts.bytes);
+        const Sight& others = seen[owner.first];
+        if (!others.payers && others.oldest >= entry->loaded)
+            unpaid.emplace(entry->owner, entry->facts.bytes);
     }
     return unpaid;
 }

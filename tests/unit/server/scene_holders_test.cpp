@@ -484,5 +484,17 @@ TEST_CASE("letting go of many scenes looks at all scenes as often as letting go 
     CHECK(time_of(many, unload) < 20 * time_of(1, unload));
 }
 
+TEST_CASE(
+    "owners of one content are settled in a time that grows with their number, not its square") {
+    const auto time_of = [content = square(1)](int owners) {
+        Store store;
+        const double began = processor_seconds();
+        for (int i = 0; i < owners; ++i)
+            REQUIRE(store.scenes.publish("s", content, {}, {std::to_string(i), i + 9U}));
+        return processor_seconds() - began;
+    };
+    CHECK(time_of(400) < 30 * time_of(100));
+}
+
 }  // namespace
 }  // namespace raynest::server
