@@ -219,8 +219,6 @@ private:
     std::uint64_t sent_ = 0;
 };
 
-constexpr std::string_view fraction_name = "hit_fraction";
-
 /// Maximum rays of visible_pixels: all may hit the same path, whose count is sent as u32.
 constexpr std::uint64_t visible_rays_max = ~std::uint32_t{0};
 
@@ -228,18 +226,19 @@ tl::unexpected<protocol::Error> refuse_use(std::string_view reduce, const char* 
     return refuse(Code::invalid_field, "reduce " + std::string(reduce) + " " + why);
 }
 
-}  // namespace
+// A function for each row of the list; `reduce` is its name.
 
-Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Caller& caller,
-                                            Plan plan, RaySource source, std::string_view reduce) {
-    if (plan.untraced)
-        return refuse_use(reduce, "needs rays that are traced; kind null traces none");
-    if (reduce == fraction_name) {
-        if (!source.has_points())
-            return refuse_use(reduce, "is per point; use generator hemisphere");
-        if (plan.csr()) return refuse_use(reduce, "counts rays, not hits; use kind any");
-        return std::make_unique<FractionJob>(services, caller, std::move(plan), std::move(source));
-    }
+Reply<std::unique_ptr<QueryJob>> make_hit_fraction(const Services& services, const Caller& caller,
+                                                   Plan plan, RaySource source,
+                                                   std::string_view reduce) {
+    if (!source.has_points()) return refuse_use(reduce, "is per point; use generator hemisphere");
+    if (plan.csr()) return refuse_use(reduce, "counts rays, not hits; use kind any");
+    return std::make_unique<FractionJob>(services, caller, std::move(plan), std::move(source));
+}
+
+Reply<std::unique_ptr<QueryJob>> make_visible_pixels(const Services& services, const Caller& caller,
+                                                     Plan plan, RaySource source,
+                                                     std::string_view reduce) {
     if (plan.query != query_closest)
         return refuse_use(reduce, "asks what is seen first; use kind closest");
     if (source.rays() > visible_rays_max)
@@ -256,6 +255,19 @@ Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Call
                                       bytes, caller.principal, "ask for fewer rays");
     return std::make_unique<VisibleJob>(services, caller, std::move(plan), std::move(source), paths,
                                         std::move(*lease));
+}
+
+}  // namespace
+
+Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Caller& caller,
+                                            Plan plan, RaySource source, std::string_view reduce) {
+    if (plan.untraced)
+        return refuse_use(reduce, "needs rays that are traced; kind null traces none");
+#define RAYNEST_REDUCER(name, ...) \
+    if (reduce == #name)           \
+        return make_##name(services, caller, std::move(plan), std::move(source), reduce);
+#include "protocol/lists/reducers.def"
+    return refuse(Code::internal, "reduce " + std::string(reduce) + " is in no list");
 }
 
 }  // namespace raynest::server

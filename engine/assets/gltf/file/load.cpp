@@ -33,7 +33,10 @@ bool is_known(const std::string& name) {
     static const std::set<std::string, std::less<>> known{
         "EXT_mesh_gpu_instancing", "KHR_mesh_quantization", "KHR_texture_transform",
         "KHR_lights_punctual",     "EXT_texture_webp",      "KHR_node_visibility",
-        "KHR_animation_pointer",   "KHR_xmp_json_ld"};
+        "KHR_animation_pointer",   "KHR_xmp_json_ld",
+#define RAYNEST_MATERIAL_LAYER(extension, ...) #extension,
+#include "engine/shading/material_layers.def"
+    };
     const Decoder* const decoder = find_decoder(name);
     return known.contains(name) || name.starts_with("KHR_materials_") ||
            (decoder != nullptr && decoder->available());
