@@ -35,6 +35,19 @@ std::uint64_t SceneStore::Entry::charge(const std::string& principal) const {
     return std::min(opened, facts.bytes);
 }
 
+Reply<void> SceneStore::check_holds(const std::string& principal) const {
+    std::uint64_t holds = 0;
+    for (const auto& [name, entry] : entries_)
+        if (const auto held = entry.holders.find(principal); held != entry.holders.end())
+            holds += held->second.size();
+    if (holds < limits_.principal_holds_max) return {};
+    return refuse(
+        Code::quota,
+        "the connections of " + principal + " hold " + std::to_string(holds) + " scenes" +
+            ", the limit is principal_holds_max = " + std::to_string(limits_.principal_holds_max) +
+            "; close connections or scenes that are done");
+}
+
 void SceneStore::Entry::lower_holds() {
     for (auto& [principal, connections] : holders)
         if (principal != owner)

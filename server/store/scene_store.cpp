@@ -228,6 +228,7 @@ Reply<void> SceneStore::check_quota(const Entry* changed, const std::string& pri
 
 Reply<void> SceneStore::check_quota(std::string_view name, const ConnectionId& caller,
                                     std::uint64_t bytes) const {
+    if (const auto holds = check_holds(caller.principal); !holds) return holds;
     return check_quota(own_entry(name, caller), caller.principal, bytes);
 }
 
@@ -405,6 +406,8 @@ Reply<NamedScene> SceneStore::open(std::string_view name, const ConnectionId& ca
     if (!scene) return scene;
     Entry& entry = resolve(entries_, name, caller)->second;
     if (entry.held_by(caller)) return scene;
+    if (const auto holds = check_holds(caller.principal); !holds)
+        return tl::unexpected(holds.error());
     // Bytes that are charged to the caller already take nothing more.
     if (const auto quota = check_quota(&entry, caller.principal, entry.facts.bytes);
         !quota && entry.charge(caller.principal) != entry.facts.bytes)

@@ -398,6 +398,8 @@ private:
     std::vector<std::string> drop(Entries::iterator found, const ConnectionId& caller);
     Reply<void> check_quota(const Entry* changed, const std::string& principal,
                             std::uint64_t bytes) const;
+    /// Fails with QUOTA if the principal's connections hold as many scenes as they may.
+    [[nodiscard]] Reply<void> check_holds(const std::string& principal) const;
     struct DiskUse {
         std::uint64_t bytes = 0;
         std::set<std::string> blobs;

@@ -36,3 +36,4 @@ structure_rows_max = 16384
 hidden_instances_max = 1048576
 edit_rows_max = 1048576
 edit_vertices_max = 67108864
+principal_holds_max = 4096

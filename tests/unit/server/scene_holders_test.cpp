@@ -490,7 +490,8 @@ TEST_CASE(
         Store store;
         const double began = processor_seconds();
         for (int i = 0; i < owners; ++i)
-            REQUIRE(store.scenes.publish("s", content, {}, {std::to_string(i), i + 9U}));
+            REQUIRE(store.scenes.publish("s", content, {},
+                                         {std::to_string(i), static_cast<std::uint64_t>(i) + 9}));
         return processor_seconds() - began;
     };
     CHECK(time_of(400) < 30 * time_of(100));

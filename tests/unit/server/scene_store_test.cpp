@@ -355,6 +355,26 @@ TEST_CASE("a principal's scenes are limited in number and bytes") {
     CHECK(small.publish("a", square(2), {.replace = true}, of("me")));
 }
 
+TEST_CASE("the connections of a principal hold so many scenes in all, each counted by each") {
+    Budget budget(1 << 30);
+    protocol::Limits limits;
+    limits.principal_holds_max = 3;
+    SceneStore store(budget, limits);
+    REQUIRE(store.publish("a", square(1), {.share = {"public"}}, of("you", 1)));
+    for (std::uint64_t connection = 2; connection < 5; ++connection)
+        REQUIRE(store.open("a", of("me", connection)));
+    const auto fourth = store.open("a", of("me", 5));
+    REQUIRE_FALSE(fourth);
+    CHECK(fourth.error().code == Code::quota);
+    CHECK(fourth.error().message.find("principal_holds_max = 3") != std::string::npos);
+    CHECK(store.check_quota("b", of("me", 5), 0).error().code == Code::quota);
+    // Who holds it already asks again, others have holds of their own, and one that ends makes room.
+    CHECK(store.open("a", of("me", 2)));
+    CHECK(store.open("a", of("them", 5)));
+    REQUIRE(store.unload("a", of("me", 3)));
+    CHECK(store.open("a", of("me", 5)));
+}
+
 TEST_CASE("loads between their check and their entry count towards the quotas of their owner") {
     Budget budget(1 << 30);
     protocol::Limits limits;
