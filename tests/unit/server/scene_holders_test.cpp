@@ -484,8 +484,7 @@ TEST_CASE("letting go of many scenes looks at all scenes as often as letting go 
     CHECK(time_of(many, unload) < 20 * time_of(1, unload));
 }
 
-TEST_CASE(
-    "owners of one content are settled in a time that grows with their number, not its square") {
+TEST_CASE("owners of one content are settled in a time that grows with their number alone") {
     const auto time_of = [content = square(1)](int owners) {
         Store store;
         const double began = processor_seconds();

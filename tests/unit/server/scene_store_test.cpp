@@ -368,7 +368,7 @@ TEST_CASE("the connections of a principal hold so many scenes in all, each count
     CHECK(fourth.error().code == Code::quota);
     CHECK(fourth.error().message.find("principal_holds_max = 3") != std::string::npos);
     CHECK(store.check_quota("b", of("me", 5), 0).error().code == Code::quota);
-    // Who holds it already asks again, others have holds of their own, and one that ends makes room.
+    // One that holds it asks again, others have holds of their own, and one that ends makes room.
     CHECK(store.open("a", of("me", 2)));
     CHECK(store.open("a", of("them", 5)));
     REQUIRE(store.unload("a", of("me", 3)));

@@ -31,12 +31,11 @@ bool leave_picture(tinygltf::Image*, int, std::string*, std::string*, int, int,
 /// True for extensions that are read, or that do not change what a ray hits.
 bool is_known(const std::string& name) {
     static const std::set<std::string, std::less<>> known{
-        "EXT_mesh_gpu_instancing", "KHR_mesh_quantization", "KHR_texture_transform",
-        "KHR_lights_punctual",     "EXT_texture_webp",      "KHR_node_visibility",
-        "KHR_animation_pointer",   "KHR_xmp_json_ld",
 #define RAYNEST_MATERIAL_LAYER(extension, ...) #extension,
 #include "engine/shading/material_layers.def"
-    };
+        "EXT_mesh_gpu_instancing", "KHR_mesh_quantization", "KHR_texture_transform",
+        "KHR_lights_punctual",     "EXT_texture_webp",      "KHR_node_visibility",
+        "KHR_animation_pointer",   "KHR_xmp_json_ld"};
     const Decoder* const decoder = find_decoder(name);
     return known.contains(name) || name.starts_with("KHR_materials_") ||
            (decoder != nullptr && decoder->available());
@@ -49,19 +48,17 @@ Result<void> check_extensions(const tinygltf::Model& file, Model& model) {
         return fail(
             ErrorCode::scene_unsupported,
             fmt::format("the scene requires the extension '{}', which RayNest does not read; {}",
-                        one_line(name.substr(0, 80)),
+                        one_line(name, 80),
                         name == "KHR_texture_basisu" ? "re-export without compression"
                                                      : "re-export without it"));
     }
     std::set<std::string, std::less<>> unknown;
-    for (const std::string& name : file.extensionsUsed) {
+    for (const std::string& name : file.extensionsUsed)
         if (!is_known(name)) unknown.insert(one_line(name, 80));
-    }
     if (!unknown.empty()) {
-        constexpr std::size_t list_bytes_max = 400;
         model.warnings.push_back(
             fmt::format("the scene uses extensions that RayNest does not read: {}",
-                        one_line(fmt::format("{}", fmt::join(unknown, ", ")), list_bytes_max)));
+                        one_line(fmt::format("{}", fmt::join(unknown, ", ")), 400)));
     }
     return {};
 }
