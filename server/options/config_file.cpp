@@ -1,16 +1,10 @@
 #include "server/options/config_file.h"
 
-#include "server/options/toml_config.h"
-#include "server/security/file_place.h"
-
-#include <sys/stat.h>
+#include "server/security/secret_file.h"
 
 #include <algorithm>
 #include <array>
-#include <cerrno>
-#include <cstring>
 #include <filesystem>
-#include <istream>
 #include <string_view>
 
 namespace raynest::server {
@@ -23,24 +17,8 @@ constexpr std::array<std::string_view, 10> path_options = {
 
 }  // namespace
 
-std::string config_file_fault(const std::string& file) {
-    struct stat status {};
-    if (stat(file.c_str(), &status) != 0) return std::strerror(errno);
-    if (S_ISDIR(status.st_mode)) return "it is a folder";
-    if (!S_ISREG(status.st_mode)) return "it is not a regular file";
-    if (static_cast<std::size_t>(status.st_size) > config_bytes_max)
-        return "it is over " + std::to_string(config_bytes_max) + " bytes";
-    return place_fault(file, "change the options");
-}
-
-tl::expected<std::vector<ConfigKey>, ConfigFault> read_config(std::istream& content) {
-    std::string text(config_bytes_max + 1, '\0');
-    content.read(text.data(), static_cast<std::streamsize>(text.size()));
-    text.resize(static_cast<std::size_t>(content.gcount()));
-    if (text.size() > config_bytes_max)
-        return tl::unexpected(
-            ConfigFault{1, "the file is over " + std::to_string(config_bytes_max) + " bytes"});
-    return read_toml(text);
+Result<std::string> read_config_file(const std::string& file) {
+    return read_regular_file(file, config_bytes_max, "change the options");
 }
 
 std::string resolve_path(const std::string& option, const std::string& value,

@@ -1,11 +1,12 @@
-// Reads a configuration file in TOML, as --print-config writes it. what the keys mean,
-// parse_options.cpp knows.
+// Reads a configuration file in TOML, as --print-config writes it. parse_options.cpp knows what the
+// keys mean.
 #pragma once
+
+#include "engine/result.h"
 
 #include <tl/expected.hpp>
 
 #include <cstddef>
-#include <iosfwd>
 #include <string>
 #include <vector>
 
@@ -28,11 +29,8 @@ struct ConfigFault {
     std::string why;
 };
 
-/// Returns why this path is not read: it is no regular file, or too large. Empty if it may be read.
-[[nodiscard]] std::string config_file_fault(const std::string& file);
-
-/// Parses the content of a file. Returns the keys in the order of their lines.
-[[nodiscard]] tl::expected<std::vector<ConfigKey>, ConfigFault> read_config(std::istream& content);
+/// Reads a file whole. Fails if it is no regular file, too large, or if others could change it.
+[[nodiscard]] Result<std::string> read_config_file(const std::string& file);
 
 /// Returns a value whose relative path is made absolute, from the folder of the file on. Values of
 /// options without paths stay.

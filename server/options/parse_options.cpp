@@ -198,8 +198,8 @@ void declare(CLI::App& app, Options& options, Words& words, ConfigOrigins& origi
            "begin at its folder")
         ->check(CLI::Validator(
             [](const std::string& file) {
-                const std::string fault = config_file_fault(file);
-                return fault.empty() ? fault : "cannot read " + file + ": " + fault;
+                const auto content = read_config_file(file);
+                return content ? "" : "cannot read " + content.error().message;
             },
             ""))
         ->configurable(false);
@@ -238,12 +238,15 @@ std::string config_fault(const CLI::ConfigItem& item) {
     }
 }
 
-std::vector<CLI::ConfigItem> ConfigLines::from_config(std::istream& file) const {
+std::vector<CLI::ConfigItem> ConfigLines::from_config(std::istream& /*file*/) const {
     const std::string name = app_.get_config_ptr()->results().back();
     const auto refuse = [&](std::size_t line, const std::string& fault) {
         throw CLI::ConfigError(name + ", line " + std::to_string(line) + ": " + fault);
     };
-    const auto keys = read_config(file);
+    // The file is not read by its path: others could have led that elsewhere meanwhile.
+    const auto content = read_config_file(name);
+    if (!content) throw CLI::ConfigError("cannot read " + content.error().message);
+    const auto keys = read_toml(*content);
     if (!keys) refuse(keys.error().line, keys.error().why);
     origins_ = {name, {}};
     std::vector<CLI::ConfigItem> read;

@@ -1,7 +1,6 @@
 #include "server/security/credentials.h"
 
 #include "server/ground/log.h"
-#include "server/security/file_place.h"
 
 #include <utility>
 
@@ -85,13 +84,7 @@ Result<void> Credentials::take(Files files) {
 
 Result<Credentials::Tls> Credentials::tls_of(const SecurityOptions& options) {
     if (options.tls.certificate.empty()) return Tls();
-    auto tls = TlsContext::load(options.tls);
-    if (!tls) return tls;
-    for (const auto& file : {options.tls.certificate, options.tls.key, options.tls.client_ca})
-        if (std::string why = file.empty() ? "" : place_fault(file, "let in whom they like");
-            !why.empty())
-            return file_failed(file, why);
-    return tls;
+    return TlsContext::load(options.tls);
 }
 
 void Credentials::take(Tls tls) {
@@ -112,8 +105,6 @@ Result<Credentials::Tokens> Credentials::tokens_of(const SecurityOptions& option
     const Version version = version_of(options.tokens);
     auto table = TokenTable::read(options.tokens, Reader::daemon);
     if (!table) return tl::unexpected(table.error());
-    if (const std::string why = place_fault(options.tokens, "let in whom they like"); !why.empty())
-        return file_failed(options.tokens, why);
     return Tokens{std::make_shared<const TokenTable>(std::move(*table)), version};
 }
 

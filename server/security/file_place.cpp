@@ -2,8 +2,9 @@
 
 #include <fcntl.h>
 #include <grp.h>
+#include <pwd.h>
 #include <sys/stat.h>
-#include <sys/statvfs.h>
+#include <sys/xattr.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -30,6 +31,123 @@ fs::path target_of(const Fd& link) {
     return std::string(text.data(), size < 0 ? 0 : static_cast<std::size_t>(size));
 }
 
+/// True if nobody but root and this process's user is in this group, and this process is.
+bool is_private(gid_t group) {
+    // NOLINTBEGIN(concurrency-mt-unsafe): at the start and on the io thread
+    const auto is_other = [](const passwd* user) {
+        return user == nullptr || (user->pw_uid != 0 && user->pw_uid != geteuid());
+    };
+    if (group != getegid() || is_everybodys(group)) return false;
+    if (const ::group* const entry = getgrgid(group); entry != nullptr)
+        for (char** name = entry->gr_mem; *name != nullptr; ++name)
+            if (is_other(getpwnam(*name))) return false;
+    bool is_shared = false;
+    setpwent();
+    while (const passwd* const user = getpwent())
+        is_shared = is_shared || (user->pw_gid == group && is_other(user));
+    endpwent();
+    // NOLINTEND(concurrency-mt-unsafe)
+    return !is_shared;
+}
+
+/// True if an access list may give others a right that shows as one of the group.
+bool has_access_list(const Fd& opened) {
+    // A descriptor that was opened with O_PATH has no attributes itself.
+    const std::string path = "/proc/self/fd/" + std::to_string(opened.get());
+    return getxattr(path.c_str(), "system.posix_acl_access", nullptr, 0) >= 0 ||
+           (errno != ENODATA && errno != ENOTSUP);
+}
+
+bool is_trusted(uid_t owner) {
+    struct stat root {};
+    return owner == 0 || owner == geteuid() || (stat("/", &root) == 0 && owner == root.st_uid);
+}
+
+/// As others_fault(), about what was opened. In a folder on the way to something that is asked, too,
+/// everybody may write if they may only take away what is theirs, as in /tmp.
+std::string opened_fault(const Fd& opened, const fs::path& path, const std::string& harm,
+                         bool on_the_way = false) {
+    struct stat status {};
+    if (fstat(opened.get(), &status) != 0) return std::strerror(errno);
+    const std::string name = path.string();
+    const bool is_folder = S_ISDIR(status.st_mode);
+    if (!is_trusted(status.st_uid))
+        return name + " belongs to the user " + std::to_string(status.st_uid) + ", who could " +
+               harm + "; run the daemon as that user, or give it a " +
+               (is_folder ? "folder" : "file") + " of its own";
+    const mode_t writers = status.st_mode & 022U;
+    const bool is_sticky = on_the_way && (status.st_mode & S_ISVTX) != 0;
+    if (writers == 0 || S_ISLNK(status.st_mode) || is_sticky) return "";
+    const bool own_group = writers == S_IWGRP && is_private(status.st_gid);
+    if (own_group && !has_access_list(opened)) return "";
+    const char* const remedy = own_group            ? "setfacl -b "
+                               : writers == S_IWGRP ? "chmod g-w "
+                                                    : "chmod go-w ";
+    return "other users may write in " + name + " and " + harm + "; " + remedy + name;
+}
+
+/// One walk from the root folder to what a path means.
+struct Walk {
+    Fd folder;              ///< where it ended, with the name
+    Fd found;               ///< opened with O_PATH; empty if a file is missing
+    struct stat status {};  ///< of `found`
+    std::string name;
+    fs::path path;              ///< behind all links
+    std::vector<uid_t> owners;  ///< of the links
+
+    /// Returns why it could not go on, or who could lead it elsewhere; empty at the end.
+    std::string to(const fs::path& given, const std::string& harm);
+};
+
+std::string Walk::to(const fs::path& given, const std::string& harm) {
+    std::vector<std::string> left;  // the next part is at the end
+    const auto add = [&](const fs::path& more) {
+        for (auto part = more.end(); part != more.begin();)
+            if (--part; !part->empty() && *part != ".") left.push_back(part->string());
+    };
+    std::error_code ignored;
+    add(fs::absolute(given, ignored));
+    bool is_link = false;  // the path itself, not a folder on the way
+    while (!left.empty()) {
+        const std::string part = std::move(left.back());
+        left.pop_back();
+        const auto enter = [&](int more) {
+            return Fd(openat(found.get(), part.c_str(), O_PATH | O_NOFOLLOW | O_CLOEXEC | more));
+        };
+        // O_DIRECTORY makes the system mount what it mounts on demand.
+        Fd next = enter(left.empty() ? 0 : O_DIRECTORY);
+        if (next.get() < 0 && errno == ENOTDIR) next = enter(0);
+        int error = next.get() < 0 ? errno : 0;
+        const bool is_missing = error == ENOENT && left.empty() && !is_link;
+        status = {};
+        if (error == 0 && fstat(next.get(), &status) != 0) error = errno;
+        const fs::path there = part == ".." ? path.parent_path() : path / part;
+        const bool is_passed = error == 0 && (!left.empty() || S_ISLNK(status.st_mode));
+        if (is_passed && !harm.empty())
+            if (std::string why = opened_fault(next, there, harm, true); !why.empty()) return why;
+        if (error == 0 && S_ISLNK(status.st_mode)) {
+            is_link = is_link || left.empty();
+            owners.push_back(status.st_uid);
+            const fs::path target = target_of(next);
+            if (target.empty()) error = errno;
+            if (owners.size() > links_max) error = ELOOP;
+            add(target);
+            if (error == 0) continue;
+        }
+        if (error != 0 && !is_missing)
+            return (is_link ? "what this link leads to: " : "") +
+                   std::string(std::strerror(error)) +
+                   (error == EACCES ? "; let this user enter " + path.string()
+                    : is_link       ? "; make it, or remove the link"
+                                    : "");
+        folder = std::move(found);
+        found = std::move(next);
+        path = there;
+        name = part;
+    }
+    return "";
+}
+
 }  // namespace
 
 bool is_everybodys(gid_t group) {
@@ -42,91 +160,44 @@ bool is_everybodys(gid_t group) {
 }
 
 std::string others_fault(const fs::path& path, const std::string& harm) {
-    const auto is_trusted = [](const struct stat& status) {
-        return status.st_uid == geteuid() || status.st_uid == 0;
-    };
-    struct stat link {};
-    struct stat status {};
-    if (lstat(path.c_str(), &link) != 0 || stat(path.c_str(), &status) != 0) return "";
-    // Nobody writes through a mount that is read-only, as Kubernetes makes those of ConfigMaps, which
-    // have mode 777, and Docker those of another user's files.
-    struct statvfs mount {};
-    if (statvfs(path.c_str(), &mount) == 0 && (mount.f_flag & ST_RDONLY) != 0) return "";
-    const std::string name = path.string();
-    const bool is_folder = S_ISDIR(status.st_mode);
-    if (!is_trusted(link) || !is_trusted(status))
-        return name + " belongs to the user " +
-               std::to_string((is_trusted(status) ? link : status).st_uid) + ", who could " + harm +
-               "; run the daemon as that user, or give it a " + (is_folder ? "folder" : "file") +
-               " of its own";
-    // Where each user has a group, new files may be written by it.
-    const bool own_group = status.st_gid == getegid() && !is_everybodys(status.st_gid);
-    if ((status.st_mode & (own_group ? 002U : 022U)) == 0) return "";
-    return "other users may write in " + name + " and " + harm + "; chmod " +
-           (is_folder ? "700 " : "go-w ") + name;
+    for (const int itself : {O_NOFOLLOW, 0}) {
+        const Fd opened(open(path.c_str(), O_PATH | O_CLOEXEC | itself));
+        if (opened.get() < 0) return "";
+        if (std::string why = opened_fault(opened, path, harm); !why.empty()) return why;
+    }
+    return "";
 }
 
 std::string place_fault(const fs::path& path, const std::string& harm) {
-    std::error_code ignored;
-    const fs::path target = fs::canonical(path, ignored);
-    for (const fs::path& place : {fs::absolute(path, ignored).lexically_normal(), target}) {
-        if (place.empty()) continue;
-        if (std::string why = others_fault(place, harm); !why.empty()) return why;
-        // In a folder such as /tmp, everybody may only take away what is theirs.
-        struct stat folder {};
-        const fs::path parent = place.parent_path();
-        const bool is_sticky =
-            stat(parent.c_str(), &folder) == 0 && (folder.st_mode & S_ISVTX) != 0;
-        if (is_sticky && (folder.st_uid == 0 || folder.st_uid == geteuid())) continue;
-        if (std::string why = others_fault(parent, harm); !why.empty()) return why;
-    }
-    return "";
+    Walk walk;
+    std::string why = walk.to(path, harm);
+    return why.empty() && walk.found.get() >= 0 ? opened_fault(walk.found, walk.path, harm) : why;
 }
 
 tl::unexpected<Error> file_failed(const fs::path& file, const std::string& why) {
     return fail(ErrorCode::io_failed, file.string() + ": " + why);
 }
 
-bool FilePlace::enter(const fs::path& path) {
-    const std::string parent = path.has_parent_path() ? path.parent_path().string() : ".";
-    const int base = folder_ == nullptr ? AT_FDCWD : folder_->get();
-    Fd opened(openat(base, parent.c_str(), O_PATH | O_DIRECTORY | O_CLOEXEC));
-    if (opened.get() < 0) return false;
-    folder_ = std::make_shared<const Fd>(std::move(opened));
-    path_ = (path_.parent_path() / path).lexically_normal();
-    name_ = path.filename().string();
-    return true;
+Result<FilePlace> FilePlace::find(const fs::path& path, const std::string& harm) {
+    Walk walk;
+    if (const std::string why = walk.to(path, harm); !why.empty()) return file_failed(path, why);
+    if (S_ISDIR(walk.status.st_mode)) return file_failed(path, "it is a folder; name a file in it");
+    const auto may_lead = [&](uid_t owner) {
+        return is_trusted(owner) || owner == walk.status.st_uid;
+    };
+    if (!std::ranges::all_of(walk.owners, may_lead))
+        return file_failed(path,
+                           "this link belongs to another user than its target; name the target");
+    FilePlace place;
+    place.folder_ = std::make_shared<const Fd>(std::move(walk.folder));
+    place.path_ = std::move(walk.path);
+    place.name_ = std::move(walk.name);
+    place.harm_ = harm;
+    return place;
 }
 
-Result<FilePlace> FilePlace::find(const fs::path& path) {
-    const auto leads_nowhere = [&](int error) {
-        return file_failed(path, "what this link leads to: " + std::string(std::strerror(error)) +
-                                     "; make it, or remove the link");
-    };
-    FilePlace place;
-    if (!place.enter(path)) return file_failed(path.parent_path(), std::strerror(errno));
-    std::vector<uid_t> owners;  // owners of the links
-    for (;;) {
-        if (place.name_.empty() || place.name_ == "." || place.name_ == "..")
-            return file_failed(path, "it is a folder; name a file in it");
-        const Fd opened(
-            openat(place.folder(), place.name_.c_str(), O_PATH | O_NOFOLLOW | O_CLOEXEC));
-        struct stat status {};
-        const bool is_there = opened.get() >= 0 && fstat(opened.get(), &status) == 0;
-        if (!is_there && !owners.empty()) return leads_nowhere(errno);
-        if (!is_there && errno != ENOENT) return file_failed(path, std::strerror(errno));
-        if (!is_there || !S_ISLNK(status.st_mode)) {
-            const auto is_trusted = [&](uid_t owner) {
-                return owner == 0 || owner == geteuid() || owner == status.st_uid;
-            };
-            if (std::ranges::all_of(owners, is_trusted)) return place;
-            return file_failed(
-                path, "this link belongs to another user than its target; name the target");
-        }
-        if (owners.size() == links_max) return leads_nowhere(ELOOP);
-        owners.push_back(status.st_uid);
-        if (!place.enter(target_of(opened))) return leads_nowhere(errno);
-    }
+std::string FilePlace::fault(const Fd& opened) const {
+    return harm_.empty() ? "" : opened_fault(opened, path_, harm_);
 }
 
 bool FilePlace::exists() const {

@@ -1,6 +1,11 @@
-// Where a file is: an open folder and a name in it. Symbolic links are followed once, when the
-// place is found. Whoever owns a link, or a folder on the way, can lead nobody elsewhere
-// afterwards.
+// Where a file is: an open folder and a name in it. One walk from the root folder finds the place, part
+// by part. Whoever owns a link, or a folder on the way, can lead nobody elsewhere afterwards.
+//
+// For all that decides who gets in or what runs, the same walk asks who else could change the file. Others
+// than root and this process's user may neither own nor write to a folder or link on the way, or the file;
+// in a folder such as /tmp, everybody may only take away what is theirs. A folder that is mounted
+// read-only is asked, too: others may write to it elsewhere. The owner of the root folder is trusted as root
+// is: in a user namespace, root may have another number.
 #pragma once
 
 #include "engine/result.h"
@@ -20,8 +25,10 @@ public:
     /// Finds the place that a path means, behind its symbolic links; the file itself may be
     /// missing. Fails if the folder is missing, if the last link leads nowhere, or if a link
     /// belongs to a user who owns neither this process nor the file: such a link could lead root to
-    /// any file.
-    [[nodiscard]] static Result<FilePlace> find(const std::filesystem::path& path);
+    /// any file. With `harm`, what others could do by a change of the file, as "change the options",
+    /// fails if they could.
+    [[nodiscard]] static Result<FilePlace> find(const std::filesystem::path& path,
+                                                const std::string& harm = "");
 
     /// The file's path behind the links, for messages.
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
@@ -33,24 +40,27 @@ public:
     /// Opens the folder to lock or to sync it; -1 with errno on failure.
     [[nodiscard]] Fd open_folder() const;
 
+    /// As others_fault(), about the file that was opened here; empty if the place was found without a
+    /// harm.
+    [[nodiscard]] std::string fault(const Fd& opened) const;
+
 private:
     FilePlace() = default;
-    /// Opens the folder of `path`, which may be relative to the present one.
-    [[nodiscard]] bool enter(const std::filesystem::path& path);
 
     std::shared_ptr<const Fd> folder_;
     std::filesystem::path path_;
     std::string name_;
+    std::string harm_;
 };
 
 /// True if the machine's users are in this group by default.
 [[nodiscard]] bool is_everybodys(gid_t group);
 
-/// Returns why others than this user and root could change a file or folder; empty if they cannot, or
-/// if it is not there. `harm`: what they could do by that, as "change the scenes".
+/// Returns why others than this user and root could change a file or folder, or the link in its place;
+/// empty if they cannot, or if it is not there. The group of this process may write where nobody else is
+/// in it, as where each user has a group.
 [[nodiscard]] std::string others_fault(const std::filesystem::path& path, const std::string& harm);
-/// As others_fault(), and asks too whether they could put another one in its place, in its folder or
-/// that of the link's target. For all that decides who gets in or what runs.
+/// As others_fault(), and asks too whether they could put another one in its place.
 [[nodiscard]] std::string place_fault(const std::filesystem::path& path, const std::string& harm);
 
 /// The failure of a file: io_failed, its path and why.

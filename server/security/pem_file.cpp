@@ -66,7 +66,7 @@ tl::unexpected<Error> unusable(const std::filesystem::path& file, const std::str
 }
 
 Result<std::vector<Certificate>> read_certificates(const std::filesystem::path& file) {
-    return to_certificates(file, read_regular_file(file, pem_bytes_max));
+    return to_certificates(file, read_regular_file(file, pem_bytes_max, "let in whom they like"));
 }
 
 Result<std::vector<Certificate>> read_certificates(const FilePlace& place) {

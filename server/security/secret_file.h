@@ -18,12 +18,14 @@ namespace raynest::server {
 enum class Reader { daemon, command, signer };
 
 /// Reads a whole file of at most `bytes_max` bytes. Refuses a pipe, a device and a folder before it
-/// reads; never waits. The message names the file and the remedy.
+/// reads; never waits. Fails if others could change it (file_place.h). The message names the file and the
+/// remedy.
 [[nodiscard]] Result<std::string> read_regular_file(const std::filesystem::path& file,
-                                                    std::size_t bytes_max);
+                                                    std::size_t bytes_max, const std::string& harm);
 
 /// As read_regular_file(). Fails too if the file belongs to a user whom the reader does not trust,
-/// or if other users can read or write it. A file of root with mode 0640 is good if its group is
+/// or if other users can read or write it; the daemon asks too who else could put another in its place.
+/// A file of root with mode 0640 is good if its group is
 /// root's or one of this process, but not one that everybody is in; or, for a command of root, any
 /// such group.
 [[nodiscard]] Result<std::string> read_secret_file(const std::filesystem::path& file,

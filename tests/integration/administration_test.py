@@ -198,7 +198,7 @@ class Administration(Programs):
         return done.returncode, done.stdout + done.stderr
 
     def test_a_configuration_that_cannot_be_read_says_why(self):
-        for file, why in ((self.folder, "it is a folder"),
+        for file, why in ((self.folder, "it is a folder; name a file in it"),
                           (self.folder / "nowhere", "No such file or directory")):
             self.assertEqual(self.raynestd_says("--config", file),
                              (2, f"raynestd: --config: cannot read {file}: {why}; see raynestd --help\n"))

@@ -14,12 +14,16 @@ import subprocess
 import tempfile
 import time
 import tomllib
+import unittest
 from urllib.request import urlopen
 
 from daemon import PATIENCE, Client, Daemon, Programs, main, until
 from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens
 
 SCENE = "builtin:terrain?size=8"
+
+
+OTHER = 12345  # a user that this machine need not have
 
 
 class Operation(Programs):
@@ -97,12 +101,12 @@ class Operation(Programs):
         for part in (state, state / "blobs"):
             part.mkdir(exist_ok=True)
             part.chmod(0o777)
-            self.check(f'state = "{state}"\n', 1, "line 1: state", "other users may write", f"chmod 700 {part}")
+            self.check(f'state = "{state}"\n', 1, "line 1: state", "other users may write", f"chmod go-w {part}")
             told = subprocess.run([self.raynestd, "--listen", f"unix:{self.folder}/s", "--http", "off", "--state", state],
                                   capture_output=True, text=True, timeout=PATIENCE, check=False)
             self.assertEqual(told.returncode, 1, told.stderr)
-            self.assertIn(f"chmod 700 {part}", told.stderr)
-            part.chmod(0o775)       # as new folders are where each user has a group
+            self.assertIn(f"chmod go-w {part}", told.stderr)
+            part.chmod(0o755)
         self.check(f'state = "{state}"\n', 0, f"warning: other users can see the names of the files in {state}")
         state.chmod(0o700)
         self.assertNotIn("warning", self.check(f'state = "{state}"\n', 0))
@@ -145,19 +149,44 @@ class Operation(Programs):
                 self.check(text, 0, "is valid")
                 self.says(root.run("admin", "reload"), 0)
 
-    def test_what_is_mounted_read_only_is_changed_by_nobody(self):
+    def check_within(self, script, *arguments):
+        """Checks a configuration in a mount namespace, after a script."""
         if subprocess.run(["unshare", "--mount", "true"], check=False, capture_output=True).returncode:
             self.skipTest("skipped: no right to mount")
-        mount = self.folder / "mount"       # as of a ConfigMap
-        mount.mkdir()
-        mount.chmod(0o777)
-        config = mount / "raynestd.toml"
+        return subprocess.run(["unshare", "--mount", "sh", "-c", script + ' && exec "$@" --check-config', *arguments],
+                              capture_output=True, text=True, timeout=PATIENCE, check=False)
+
+    def test_what_is_mounted_read_only_may_be_changed_elsewhere(self):
+        """A unit with ProtectSystem=strict sees all files read-only."""
+        config = self.folder / "mount" / "raynestd.toml"
+        config.parent.mkdir()
         config.write_text('listen = "tcp://127.0.0.1:0"\nhttp = "off"\n')
-        for options, code in (("bind", 2), ("bind,ro", 0)):
-            script = f'mount --bind "$0" "$0" && mount -o remount,{options} "$0" && exec "$@"'
-            done = subprocess.run(["unshare", "--mount", "sh", "-c", script, mount, self.raynestd, "--config", config, "--check-config"],
-                                  capture_output=True, text=True, timeout=PATIENCE, check=False)
-            self.says(done, code)
+        for mode, code in ((0o777, 2), (0o755, 0), (0o1777, 0)):
+            config.parent.chmod(mode)
+            done = self.check_within('mount --bind "$0" "$0" && mount -o remount,bind,ro "$0"', config.parent,
+                                     self.raynestd, "--config", config)
+            self.says(done, code, *("change the options", f"chmod go-w {config.parent}") if code else ())
+
+    @unittest.skipIf(os.geteuid() != 0, "only root can become another user")
+    def test_a_group_that_others_are_in_may_write_nothing(self):
+        """As the package's group raynest, whose members use the socket."""
+        self.folder.chmod(0o755)
+        etc, state = self.folder / "etc", self.folder / "state"
+        etc.mkdir()
+        state.mkdir()
+        self.config.write_text(f'listen = "tcp://127.0.0.1:0"\nhttp = "off"\nstate = "{state}"\n')
+        for name, users, members, code in (("own", "", "", 0), ("itself", "", "raynest", 0), ("root", "", "root", 0),
+                                           ("member", "", "raynest,eve", 1), ("first", f"bob:x:7:{OTHER}::/:\n", "", 1),
+                                           ("gone", "", "nobody-knows", 1)):
+            with self.subTest(name):
+                (etc / "passwd").write_text(f"root:x:0:0::/:\nraynest:x:{OTHER}:{OTHER}::/:\neve:x:8:8::/:\n{users}")
+                (etc / "group").write_text(f"root:x:0:\nraynest:x:{OTHER}:{members}\n")
+                os.chown(state, OTHER, OTHER)
+                state.chmod(0o770)
+                done = self.check_within(
+                    'for file in passwd group; do mount --bind "$0/$file" /etc/$file || exit; done', etc, "setpriv",
+                    f"--reuid={OTHER}", f"--regid={OTHER}", "--clear-groups", self.raynestd, "--config", self.config)
+                self.says(done, code, *("change the scenes", f"chmod g-w {state}") if code else ())
 
     def test_a_module_that_is_cut_short_ends_the_start(self):
         whole = pathlib.Path(os.environ.get("RAYNEST_BUILTIN_PACKS") or
