@@ -28,11 +28,12 @@ void Daemon::end_revoked(bool is_site_smaller) {
     const auto valid = [this, now = WallClock::now()](const Principal& principal) {
         return credentials_.authentication().still_valid(principal, now);
     };
-    // A page comes back at once under a host, or by a proxy, that is still one of ours. By value:
-    // it is asked in later turns, too.
+    // A page comes back at once under a host, or by a proxy, that is still one of ours. A Hello that
+    // is yet to come meets the rule for principals by itself. By value: it is asked in later turns, too.
     const auto may_stay = [valid, is_site_smaller](const PeerIdentity& peer,
-                                                   const Principal& principal) {
-        return !(is_site_smaller && peer.sender != nullptr) && valid(principal);
+                                                   const Principal* principal) {
+        return !(is_site_smaller && peer.sender != nullptr) &&
+               (principal == nullptr || valid(*principal));
     };
     const std::string why = " is admitted no more: a token, certificate, login or option changed";
     connections_.close_unless(may_stay, {Code::not_allowed, "this connection" + why, 0});

@@ -160,12 +160,11 @@ std::size_t Connections::kick(std::uint64_t number, const std::string& principal
 }
 
 void Connections::close_unless(
-    const std::function<bool(const PeerIdentity&, const Principal&)>& valid,
+    const std::function<bool(const PeerIdentity&, const Principal*)>& valid,
     const protocol::Error& error) {
     go_round([this, valid, error](Session& session) {
-        // A Hello that is yet to come meets the rule by itself.
-        if (session.greeted() && !valid(session.peer(), session.identity()) &&
-            session.close_soon_with_error(error))
+        const Principal* const principal = session.greeted() ? &session.identity() : nullptr;
+        if (!valid(session.peer(), principal) && session.close_soon_with_error(error))
             ++services_.metrics.revoked;
     });
 }

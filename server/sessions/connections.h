@@ -50,8 +50,8 @@ public:
     /// Closes connections whose peer has left while its request waits.
     void close_deserted();
     /// Ends the connections for which `valid` returns false with this error. One may cost the
-    /// verification of a certificate; `valid` is also called later.
-    void close_unless(const std::function<bool(const PeerIdentity&, const Principal&)>& valid,
+    /// verification of a certificate; `valid` is also called later. The principal is null before Hello.
+    void close_unless(const std::function<bool(const PeerIdentity&, const Principal*)>& valid,
                       const protocol::Error& error);
 
     /// Lists the connections with numbers above `after`, by number.

@@ -311,8 +311,9 @@ TEST_CASE("who is admitted no more is closed, and who has said no Hello meets th
     MemoryDaemon house({}, by_token);
     const auto silent = house.connect();
     const auto known = greeted(house);
-    house.connections.close_unless([](const PeerIdentity&, const Principal&) { return false; },
-                                   {Code::not_allowed, "revoked", 0});
+    house.connections.close_unless(
+        [](const PeerIdentity&, const Principal* principal) { return principal == nullptr; },
+        {Code::not_allowed, "revoked", 0});
     house.settle();
     CHECK(last_error(*known) == Code::not_allowed);
     CHECK(silent->wire->to_peer.empty());
@@ -329,7 +330,7 @@ TEST_CASE("asking many peers whether they are admitted lets others have their tu
     std::size_t asked = 0;
     bool first = true;
     house.connections.close_unless(
-        [&](const PeerIdentity&, const Principal&) {
+        [&](const PeerIdentity&, const Principal*) {
             // As slow as the verification of a certificate; memory ends once.
             std::this_thread::sleep_for(turn_time);
             ++asked;
