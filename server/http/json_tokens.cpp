@@ -70,10 +70,13 @@ private:
 
 std::string_view fault_of_json(std::string_view text) {
     Reader reader(text);
-    std::size_t marks = 0, items = 0;
+    std::size_t objects = 0, marks = 0, items = 0;
     while (!reader.is_empty()) {
         switch (reader.front()) {
             case '{':
+                ++objects;
+                reader.skip();
+                break;
             case '[':
                 ++marks;
                 reader.skip();
@@ -101,8 +104,8 @@ std::string_view fault_of_json(std::string_view text) {
                     return "it holds something other than texts in double quotes, numbers, lists, "
                            "objects, true, false and null";
         }
-        // 64 KiB of short texts would take the parser milliseconds.
-        if (marks > json_marks_max || items > json_items_max)
+        // 64 KiB of short texts or empty tables would take the parser milliseconds.
+        if (objects > json_objects_max || marks > json_marks_max || items > json_items_max)
             return "it has too many strings or values";
     }
     return {};

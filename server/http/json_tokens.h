@@ -4,13 +4,17 @@
 // bare words, texts in single quotes, and comments. 64 KiB of functions take it 10 ms.
 #pragma once
 
+#include "protocol/limits.h"
+
 #include <cstddef>
 #include <string_view>
 
 namespace raynest::server {
 
-/// Quotes and opening brackets of a text: several full lists of texts.
+/// Quotes and opening square brackets of a text: several full lists of texts.
 inline constexpr std::size_t json_marks_max = 4096;
+/// Opening braces: all tables that a message may have, and a few vectors in them.
+inline constexpr std::size_t json_objects_max = protocol::Limits().control_tables_max + 8;
 /// Commas: all values of tables.
 inline constexpr std::size_t json_items_max = 10'000;
 

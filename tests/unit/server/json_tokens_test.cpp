@@ -48,8 +48,10 @@ TEST_CASE("what JSON has is let through, and nothing else") {
 TEST_CASE("the tokens of a text are counted, however they are written") {
     CHECK(fault_of_json(list_of(2047, R"("")")) == "");
     CHECK(fault_of_json(list_of(2048, R"("")")) != "");
-    CHECK(fault_of_json(list_of(4095, "{}")) == "");
+    CHECK(fault_of_json(list_of(4095, "[]")) == "");
     CHECK(fault_of_json(list_of(4096, "[]")) != "");
+    CHECK(fault_of_json(list_of(256 + 8, "{}")) == "");
+    CHECK(fault_of_json(list_of(256 + 9, "{}")) != "");
     CHECK(fault_of_json(list_of(10'001, "1")) == "");
     CHECK(fault_of_json(list_of(10'002, "1")) != "");
     // A text in quotes is one token, whatever it holds.
