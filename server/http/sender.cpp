@@ -99,24 +99,17 @@ void believe(const ForwardedHeaders& forwarded, HttpRequest& request, const Addr
 }  // namespace
 
 bool is_from_proxies(std::string_view header) {
-    constexpr std::array<std::string_view, 22> exact = {"forwarded",          "via",
-                                                        "x-real-ip",          "x-client-ip",
-                                                        "client-ip",          "true-client-ip",
-                                                        "x-remote-ip",        "x-remote-addr",
-                                                        "x-forward-for",      "cdn-loop",
-                                                        "cf-connecting-ip",   "fastly-client-ip",
-                                                        "x-azure-clientip",   "fly-client-ip",
-                                                        "akamai-client-ip",   "x-cluster-client-ip",
-                                                        "x-amzn-trace-id",    "proxy-client-ip",
-                                                        "wl-proxy-client-ip", "x-proxyuser-ip",
-                                                        "x-forwarder-for",    "x-varnish"};
-    constexpr std::array<std::string_view, 3> beginnings = {"x-forwarded", "x-original-",
-                                                            "x-envoy-"};
+    // Each service has its own name for the same thing, so most are known by a part of it.
+    constexpr std::array<std::string_view, 15> parts = {
+        "forward",        "proxy",       "via",      "surrogate",   "client-ip",
+        "clientip",       "remote-addr", "cdn-loop", "x-original-", "x-envoy-",
+        "viewer-address", "user-ip",     "x-arr-",   "x-varnish",   "x-amzn-trace-id"};
     std::string name = lower(header);
     // Some proxies pass names on with underscores.
     std::ranges::replace(name, '_', '-');
-    return std::ranges::find(exact, name) != exact.end() ||
-           std::ranges::any_of(beginnings, [&](auto begin) { return name.starts_with(begin); });
+    return name.ends_with("-ip") || std::ranges::any_of(parts, [&](std::string_view part) {
+               return name.find(part) != std::string::npos;
+           });
 }
 
 void find_sender(HttpRequest& request, const asio::ip::address& peer, const AddressSet& proxies) {
