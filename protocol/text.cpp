@@ -15,36 +15,49 @@ namespace {
 
 /// First and last code of each range of Unicode 15's property Default_Ignorable_Code_Point
 /// (DerivedCoreProperties.txt), its categories Cf, Zl, Zp and Zs (UnicodeData.txt) but the blank, the
-/// noncharacters U+FDD0 to U+FDEF, and the empty Braille pattern. is_hidden() knows the others.
-constexpr std::array<std::pair<char32_t, char32_t>, 30> hidden_codes = {{
+/// noncharacters U+FDD0 to U+FDEF, and what is drawn empty: the Braille pattern, the Khitan filler, the
+/// blanks of hieroglyphs, the notehead. is_hidden() knows the others.
+constexpr std::array<std::pair<char32_t, char32_t>, 32> hidden_codes = {{
     {0xA0, 0xA0},       {0xAD, 0xAD},       {0x34F, 0x34F},     {0x600, 0x605},
     {0x61C, 0x61C},     {0x6DD, 0x6DD},     {0x70F, 0x70F},     {0x890, 0x891},
     {0x8E2, 0x8E2},     {0x115F, 0x1160},   {0x1680, 0x1680},   {0x17B4, 0x17B5},
     {0x180B, 0x180F},   {0x2000, 0x200F},   {0x2028, 0x202F},   {0x205F, 0x206F},
     {0x2800, 0x2800},   {0x3000, 0x3000},   {0x3164, 0x3164},   {0xFDD0, 0xFDEF},
     {0xFE00, 0xFE0F},   {0xFEFF, 0xFEFF},   {0xFFA0, 0xFFA0},   {0xFFF0, 0xFFFB},
-    {0x110BD, 0x110BD}, {0x110CD, 0x110CD}, {0x13430, 0x1343F}, {0x1BCA0, 0x1BCA3},
-    {0x1D173, 0x1D17A}, {0xE0000, 0xE0FFF},
+    {0x110BD, 0x110BD}, {0x110CD, 0x110CD}, {0x13430, 0x13442}, {0x16FE4, 0x16FE4},
+    {0x1BCA0, 0x1BCA3}, {0x1D159, 0x1D159}, {0x1D173, 0x1D17A}, {0xE0000, 0xE0FFF},
 }};
+
+constexpr auto unassigned_codes = std::to_array<std::pair<char32_t, char32_t>>({
+#include "protocol/lists/unassigned.inc"
+});
+
+bool is_in(const auto& ranges, char32_t code) {
+    return std::ranges::any_of(
+        ranges, [code](const auto& range) { return range.first <= code && code <= range.second; });
+}
 
 bool is_hidden(char32_t code) {
     // The last two codes of each plane are noncharacters.
-    return (code & 0xFFFEU) == 0xFFFEU ||
-           std::ranges::any_of(hidden_codes, [code](const auto& range) {
-               return range.first <= code && code <= range.second;
-           });
+    return (code & 0xFFFEU) == 0xFFFEU || is_in(hidden_codes, code);
+}
+
+/// Returns the letter of several bytes that begins at `at`, and their number; 0 and 0 where none does.
+std::pair<char32_t, std::size_t> long_letter(std::string_view text, std::size_t at) {
+    const auto lead = static_cast<unsigned char>(text[at]);
+    if (lead < 0xC2 || lead > 0xF4) return {};
+    const std::size_t length = lead < 0xE0 ? 2 : lead < 0xF0 ? 3 : 4;
+    if (text.size() - at < length) return {};
+    char32_t code = lead & (0xFFU >> (length + 1));
+    for (std::size_t k = 1; k < length; ++k)
+        code = code << 6 | (static_cast<unsigned char>(text[at + k]) & 0x3FU);
+    return {code, length};
 }
 
 }  // namespace
 
 std::size_t hidden_letter(std::string_view text, std::size_t at) {
-    const auto lead = static_cast<unsigned char>(text[at]);
-    if (lead < 0xC2 || lead > 0xF4) return 0;
-    const std::size_t length = lead < 0xE0 ? 2 : lead < 0xF0 ? 3 : 4;
-    if (text.size() - at < length) return 0;
-    char32_t code = lead & (0xFFU >> (length + 1));
-    for (std::size_t k = 1; k < length; ++k)
-        code = code << 6 | (static_cast<unsigned char>(text[at + k]) & 0x3FU);
+    const auto [code, length] = long_letter(text, at);
     return is_hidden(code) ? length : 0;
 }
 
@@ -52,6 +65,20 @@ bool has_hidden_letter(std::string_view text) {
     for (std::size_t at = 0; at < text.size(); ++at)
         if (hidden_letter(text, at) != 0) return true;
     return false;
+}
+
+bool has_unassigned_letter(std::string_view text) {
+    for (std::size_t at = 0; at < text.size(); ++at)
+        if (is_in(unassigned_codes, long_letter(text, at).first)) return true;
+    return false;
+}
+
+std::string single_blanks(std::string_view text) {
+    std::string single;
+    for (const char c : text)
+        if (c != ' ' || (!single.empty() && single.back() != ' ')) single += c;
+    if (!single.empty() && single.back() == ' ') single.pop_back();
+    return single;
 }
 
 std::string clean_text(std::string_view text, std::size_t bytes_max) {

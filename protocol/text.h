@@ -18,6 +18,11 @@ namespace raynest::protocol {
 [[nodiscard]] std::size_t hidden_letter(std::string_view text, std::size_t at);
 /// True if the text has such a letter: a name with one looks like another name.
 [[nodiscard]] bool has_hidden_letter(std::string_view text);
+/// True if the text has a letter that Unicode has not assigned, or leaves to private use: fonts draw
+/// different ones alike.
+[[nodiscard]] bool has_unassigned_letter(std::string_view text);
+/// The text without blanks at its ends, and with single ones elsewhere.
+[[nodiscard]] std::string single_blanks(std::string_view text);
 
 /// The byte that a "%XX" at the beginning of `text` stands for; none where there is no such code.
 [[nodiscard]] std::optional<char> percent_code(std::string_view text);

@@ -246,8 +246,8 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
     if (!is_named_so) name += extension;
     upload.source = protocol::clean_text(name, protocol::Limits{}.name_bytes_max);
     if (!nameless)
-        upload.scene_name =
-            stem_of(is_named_so || ending.empty() ? upload.source : stem_of(upload.source));
+        upload.scene_name = protocol::single_blanks(
+            stem_of(is_named_so || ending.empty() ? upload.source : stem_of(upload.source)));
     Result<void> added = gatherer.add(upload.source, std::move(bytes));
     if (added) added = gather_named(source, nameless ? "." : folder_of(source), gatherer, upload);
     if (added && !instances.empty())

@@ -38,7 +38,7 @@ std::string default_name(std::string_view source) {
     if (starts_with(source, root_scheme)) source.remove_prefix(root_scheme.size());
     source = source.substr(source.rfind('/') + 1);
     if (is_composition(source)) source.remove_suffix(std::string_view(".json").size());
-    return std::string(source.substr(0, source.rfind('.')));
+    return protocol::single_blanks(source.substr(0, source.rfind('.')));
 }
 
 /// Returns the digest of everything that the import of an upload depends on, or "" where the client
@@ -148,6 +148,16 @@ Reply<void> check_name(const Services& services, const LoadOrder& order) {
         return refuse(Code::invalid_field,
                       "the name '" + protocol::clean_text(order.name, order.name.size()) +
                           "' has a letter that nobody sees, where '?' is; pass another `name`");
+    if (protocol::has_unassigned_letter(order.name))
+        return refuse(
+            Code::invalid_field,
+            "the name '" + order.name +
+                "' has a letter that Unicode does not know, or that each font draws in its "
+                "own way; pass another `name`");
+    if (order.name != protocol::single_blanks(order.name))
+        return refuse(Code::invalid_field, "the name '" + order.name +
+                                               "' has a blank at an end, or two side by side; "
+                                               "pass another `name`");
     for (const std::string_view principal : order.publication.share.names())
         if (protocol::has_hidden_letter(principal))
             return refuse(Code::invalid_field,

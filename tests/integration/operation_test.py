@@ -210,13 +210,18 @@ class Operation(Programs):
     def test_a_scene_has_no_name_that_looks_like_another(self):
         client = Client(self.raynest, self.daemon("--http", "off").uri)
         for name, said in (("a\u202eb", "'a?b' has a letter that nobody sees"), ("a\u200bb", "a?b"), ("a\u3164", "a?"),
-                           ("a\u3000b", "a?b"), ("a\ufe0f", "a?")):
+                           ("a\u3000b", "a?b"), ("a\ufe0f", "a?"), ("a\U0001d159", "a?"), ("a\ue000", "Unicode does not know"),
+                           ("a ", "has a blank at an end"), (" a", "has a blank at an end"), ("a  b", "two side by side")):
             told = client.run("load", "builtin:flake?depth=1", "--name", name)
             self.assertNotEqual(told.returncode, 0)
             self.assertIn(said, told.stderr)
         told = client.run("load", "builtin:flake?depth=1", "--name", "a", "--share", "b\u2066c")
         self.assertIn("'b?c', which has a letter that nobody sees", told.stderr)
-        self.assertEqual(client.run("load", "builtin:flake?depth=1", "--name", "\u00e4\u20ac").returncode, 0)
+        self.assertEqual(client.run("load", "builtin:flake?depth=1", "--name", "\u00e4 \u20ac").returncode, 0)
+        # The name of a file becomes a good one by itself.
+        file = self.folder / " two  cars .obj"
+        file.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+        self.says(client.run("load", file), 0, "two cars")
 
     def test_a_fault_between_options_names_file_and_line(self):
         for text, *said in (

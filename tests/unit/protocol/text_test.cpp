@@ -8,8 +8,10 @@
 
 using raynest::protocol::clean_text;
 using raynest::protocol::has_hidden_letter;
+using raynest::protocol::has_unassigned_letter;
 using raynest::protocol::hidden_letter;
 using raynest::protocol::percent_code;
+using raynest::protocol::single_blanks;
 
 namespace {
 
@@ -52,10 +54,11 @@ TEST_CASE("letters that nobody sees, or that turn others round, are no part of a
     }
     // The same of each range: default-ignorable ones, blanks, noncharacters.
     for (const std::uint32_t code :
-         {0xA0U,    0x34FU,   0x115FU,  0x1160U,  0x1680U,  0x17B4U,  0x17B5U,   0x180BU,  0x180FU,
-          0x2000U,  0x2003U,  0x200AU,  0x202FU,  0x205FU,  0x2065U,  0x206FU,   0x2800U,  0x3000U,
-          0x3164U,  0xFDD0U,  0xFDEFU,  0xFE00U,  0xFE0FU,  0xFFA0U,  0xFFF0U,   0xFFFEU,  0xFFFFU,
-          0x1FFFEU, 0x1FFFFU, 0xE0000U, 0xE0001U, 0xE0100U, 0xE0FFFU, 0x10FFFEU, 0x10FFFFU}) {
+         {0xA0U,    0x34FU,   0x115FU,  0x1160U,  0x1680U,   0x17B4U,  0x17B5U,  0x180BU,
+          0x180FU,  0x2000U,  0x2003U,  0x200AU,  0x202FU,   0x205FU,  0x2065U,  0x206FU,
+          0x2800U,  0x3000U,  0x3164U,  0xFDD0U,  0xFDEFU,   0xFE00U,  0xFE0FU,  0xFFA0U,
+          0xFFF0U,  0xFFFEU,  0xFFFFU,  0x13441U, 0x16FE4U,  0x1D159U, 0x1FFFEU, 0x1FFFFU,
+          0xE0000U, 0xE0001U, 0xE0100U, 0xE0FFFU, 0x10FFFEU, 0x10FFFFU}) {
         CAPTURE(code);
         CHECK(has_hidden_letter(letter(code)));
     }
@@ -66,6 +69,27 @@ TEST_CASE("letters that nobody sees, or that turn others round, are no part of a
     for (const char* seen : {"", "a", "\xc2\xac", "\xc3\xa4", "\xe2\x80\x90", "\xe2\x82\xac",
                              "\xf0\x9f\x98\x80", "\xe2\x80", "\xff"})
         CHECK_FALSE(has_hidden_letter(seen));
+}
+
+TEST_CASE(
+    "letters that fonts draw alike, because they know none of them, are told apart from others") {
+    for (const std::uint32_t code :
+         {0x378U, 0xE000U, 0xF8FFU, 0x33480U, 0x40000U, 0xF0000U, 0x10FFFDU}) {
+        CAPTURE(code);
+        CHECK(has_unassigned_letter("a" + letter(code)));
+        CHECK_FALSE(has_hidden_letter(letter(code)));
+    }
+    for (const std::uint32_t code :
+         {0x20U, 0xE4U, 0x377U, 0x20ACU, 0x4E2DU, 0xFB00U, 0x1F600U, 0x20000U}) {
+        CAPTURE(code);
+        CHECK_FALSE(has_unassigned_letter("a" + letter(code)));
+    }
+}
+
+TEST_CASE("blanks are made single") {
+    CHECK(single_blanks("a b") == "a b");
+    CHECK(single_blanks("  a   b ") == "a b");
+    CHECK(single_blanks("  ").empty());
 }
 
 TEST_CASE("a percent code is two hexadecimal digits after its sign") {

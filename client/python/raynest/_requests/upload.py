@@ -85,7 +85,8 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
     if instances:
         left = _limits.upload_bytes_max - len(data)
         files += (File(sendable(os.path.basename(instances)), read_file(instances, left)),)
-    return Upload(main.name, sendable(stem), files)
+    # The daemon refuses names with other blanks, which look alike.
+    return Upload(main.name, " ".join(filter(None, sendable(stem).split(" "))), files)
 
 
 def _split(name: str) -> tuple[str, str]:
