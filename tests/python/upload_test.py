@@ -6,6 +6,8 @@
 """
 import hashlib
 import json
+import pathlib
+import tempfile
 import types
 from unittest import mock
 
@@ -34,6 +36,15 @@ class Upload(WithDaemon):
                 self.assertTrue(news)
                 loaded += 1
         self.assertGreater(loaded, 2)
+
+    def test_the_name_of_a_file_becomes_one_that_the_daemon_takes(self):
+        """Names with other blanks look alike, and are refused."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / " two  cars .obj"
+            path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+            self.assertEqual(self.client.load(path).name, "two cars")
+            with self.assertRaisesRegex(raynest.UsageError, "has a blank at an end"):
+                self.client.load(path, "two cars ")
 
     def stages(self, load):
         """Returns the stages of a load, without those that repeat, and its scene."""
