@@ -44,7 +44,7 @@ public:
     }
     asio::awaitable<std::size_t> read(const ReadBuffers& buffers, std::size_t wanted,
                                       SystemError& error) override;
-    [[nodiscard]] bool reads_take_time() const override { return true; }
+    [[nodiscard]] bool reads_take_time() const override { return is_unparsed_; }
     std::optional<Unreadable> take_unreadable() override {
         return std::exchange(unreadable_, std::nullopt);
     }

@@ -44,7 +44,7 @@ public:
     /// write() valid until they end.
     virtual asio::awaitable<std::size_t> read(const ReadBuffers& buffers, std::size_t wanted,
                                               SystemError& error) = 0;
-    /// True if read() decrypts or parses for as long as it takes to return bytes.
+    /// True if the next read() decrypts or parses for as long as it takes to return bytes.
     [[nodiscard]] virtual bool reads_take_time() const { return false; }
     /// Returns the message that the last read() could not read; the session refuses it.
     virtual std::optional<Unreadable> take_unreadable() { return std::nullopt; }

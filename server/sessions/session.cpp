@@ -259,15 +259,14 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
     }
     const Transport::ReadBuffers buffers = {asio::buffer(bulk.data(), bulk.size()),
                                             asio::buffer(stage.data(), stage.size())};
-    co_await take_turn();
+    const bool takes_time = transport_->reads_take_time();
+    if (takes_time) co_await take_turn();
     if (!open_) co_return;
     const Clock::time_point began = Clock::now();
     const std::size_t got =
         co_await transport_->read(buffers, std::max(bulk.size(), std::size_t{1}), error);
     if (error || !open_) co_return;
-    if (got != 0)
-        turns_.spend(principal(),
-                     transport_->reads_take_time() ? Clock::now() - began : read_time(got));
+    Clock::duration spent = takes_time && got != 0 ? Clock::now() - began : read_time(got);
     co_await take_turn();
     if (!open_) co_return;
     if (got == 0)
@@ -286,7 +285,7 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
         reading_ = false;
         write_at_once();
         settle();
-        turns_.spend(principal(), Clock::now() - handled);
+        turns_.spend(principal(), std::exchange(spent, {}) + (Clock::now() - handled));
         co_await take_turn();
         while (open_ && conversation_.is_held_up()) co_await wait(room_);
     } while (open_ && !conversation_.closing() && !rest.empty());
