@@ -12,6 +12,7 @@
 #include "client/requests/generator.h"
 #include "client/requests/scene_origin.h"
 #include "protocol/hash.h"
+#include "protocol/parts.h"
 
 #include <algorithm>
 #include <array>
@@ -90,10 +91,9 @@ Result<void> check_points(const QueryOptions& options, const wire::QueryT& reque
     return {};
 }
 
-/// Returns what tells these rays, their masks and values, or this trajectory, from others: a path
-/// says not what is in it.
-std::string content_of(const RaySource& rays, const std::vector<TableOption>& tables,
-                       std::span<const std::byte> trajectory) {
+/// Returns what tells these rays and their masks, or this trajectory, from others: a path says not
+/// what is in it.
+std::string content_of(const RaySource& rays, std::span<const std::byte> trajectory) {
     constexpr std::uint64_t at_once = 1 << 16;
     std::uint64_t hash = protocol::upload_checksum(std::as_bytes(rays.masks()));
     std::vector<float> values;
@@ -106,12 +106,17 @@ std::string content_of(const RaySource& rays, const std::vector<TableOption>& ta
         const std::array origin{from->x(), from->y(), from->z()};
         hash = protocol::upload_checksum(std::as_bytes(std::span(origin)), hash);
     }
-    for (const TableOption& table : tables) {
-        hash = protocol::upload_checksum(std::as_bytes(std::span(table.name)), hash);
-        hash = protocol::upload_checksum(std::as_bytes(std::span(table.values)), hash);
-    }
     hash = protocol::upload_checksum(trajectory, hash);
     return std::to_string(rays.count()) + " rays, " + std::to_string(hash);
+}
+
+/// The words of --generate without those that name files, which are in content_of().
+std::vector<std::string> without_files(std::vector<std::string> words) {
+    std::erase_if(words, [](const std::string& word) {
+        return word.starts_with("points=") || word.starts_with("trajectory=") ||
+               word.ends_with(".npy");
+    });
+    return words;
 }
 
 /// Leaves the rays or points of --part. Returns what its file says: which rows of which request it
@@ -124,7 +129,7 @@ Result<Json> take_part(const QueryOptions& options, wire::QueryT& request, RaySo
     const std::uint64_t all = sensor ? sensor_rays(*request.generator) : rays.count();
     std::uint64_t step = sensor ? sensor_band(*request.generator) : 1;
     if (options.part.count > all / step) step = 1;
-    const std::string content = content_of(rays, options.job.tables, trajectory);
+    const std::string content = content_of(rays, trajectory);
     const auto range = part_of(options.part, all, step, sensor ? "rays" : "rays or points");
     if (!range) return tl::unexpected<Failure>(range.error());
     if (!sensor) rays.keep(*range);
@@ -132,7 +137,11 @@ Result<Json> take_part(const QueryOptions& options, wire::QueryT& request, RaySo
         request.part_first = range->first;
         request.part_count = range->count;
     }
+    const auto common = protocol::common_bytes(request);
+    const auto digest =
+        protocol::upload_checksum(std::as_bytes(std::span(common.data(), common.size())));
     const JobOptions& job = options.job;
+    // The words say what another request has, and the digest knows all options.
     return Json{{"first", range->first},
                 {"count", range->count},
                 {"of", all},
@@ -140,7 +149,7 @@ Result<Json> take_part(const QueryOptions& options, wire::QueryT& request, RaySo
                 {"fields", request.fields},
                 {"reduce", request.reduce},
                 {"max_hits", request.max_hits},
-                {"generate", options.generate},
+                {"generate", without_files(options.generate)},
                 {"step_error", options.step_error},
                 {"time", job.time ? Json(*job.time) : Json()},
                 {"animation", job.animation},
@@ -149,7 +158,8 @@ Result<Json> take_part(const QueryOptions& options, wire::QueryT& request, RaySo
                 {"set", job.settings},
                 {"mask", job.mask},
                 {"hide", job.hide},
-                {"only", job.only}};
+                {"only", job.only},
+                {"request", std::to_string(digest)}};
 }
 
 void warn_of_rounding(Context& context, const RaySource& rays, const SceneOrigin& scene,

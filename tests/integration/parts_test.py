@@ -6,6 +6,7 @@
 import json
 import os
 import pathlib
+import re
 import struct
 import subprocess
 import sys
@@ -242,17 +243,20 @@ class Parts(DaemonTest):
         size = ("--size", "64x48")
         for kind, command, others in (("png", "render", (("--fov", "30"), ("--hide", "inst=3"), ("--only", "inst=3"))),
                                       ("exr", "render", (("--hide", "inst=3"), ("--integrator", "ao", "--spp", "2"))),
-                                      ("exr", "heatmap", (("--fov", "30"), ("--hide", "inst=3"), ("--skip-hidden-boxes",)))):
-            first = self.out / f"first.{kind}"
-            self.done(command, "woods", *size, "-o", first, "--part", "1/2")
+                                      ("exr", "heatmap", (("--fov", "30"), ("--hide", "inst=3"), ("--skip-hidden-boxes",))),
+                                      ("exr", "heatmap --diff mask=1", (("--diff", "mask=2"),))):
+            first, second, given = self.out / f"first.{kind}", self.out / f"second.{kind}", ("woods", *size)
+            command, *more = command.split()
+            self.done(command, *given, *more, "-o", first, "--part", "1/2")
             for words in others:
                 with self.subTest(command, kind=kind, words=words):
-                    second = self.out / f"second.{kind}"
-                    self.done(command, "woods", *size, *words, "-o", second, "--part", "2/2")
+                    self.done(command, *given, *(() if "--diff" in words else more), *words, "-o", second, "--part", "2/2")
                     self.refused(5, "is of another request", "merge", self.out / f"both.{kind}", first, second)
-                    # Options of where and when it runs make no other picture.
-            self.done(command, "woods", *size, "--priority", "low", "--worker", "cpu", "-o", second, "--part", "2/2")
-            self.done("merge", self.out / f"both.{kind}", first, second)
+            # Options of where, when and by which kernel it runs make no other picture.
+            for words in (("--priority", "low"), ("--worker", "cpu"), ("--deadline", "99"), ("--traversal", "single"), ("--epoch", "1")):
+                with self.subTest(command, kind=kind, more=more, words=words):
+                    self.done(command, *given, *more, *words, "-o", second, "--part", "2/2")
+                    self.done("merge", self.out / f"both.{kind}", first, second)
             self.assertNotIn(b"raynest:request", (self.out / f"both.{kind}").read_bytes())
         for part in (1, 2):
             self.done("render", "woods", *size, "--integrator", "ao", "--spp", "2", "--deadline", 900 + part,
@@ -293,10 +297,73 @@ class Parts(DaemonTest):
         numpy.save(rays, cast + numpy.float32(.5))
         made("--rays", rays, number=2)
         self.refused(5, "is of another request .*: rays is", "merge", self.out / "rays.npz", first, second)
-        # The same rays under another name are the same.
+        # The same rays, or points, under another name are the same.
         numpy.save(self.out / "copy.npy", cast)
-        made("--rays", self.out / "copy.npy", number=2)
-        self.done("merge", self.out / "rays.npz", first, second)
+        for words in (("--rays", "{}"), ("--generate", "hemisphere", "points={}")):
+            for number, path in ((1, rays), (2, self.out / "copy.npy")):
+                numpy.save(path, cast)
+                made(*(word.format(path) for word in words), number=number)
+            self.done("merge", self.out / "rays.npz", first, second)
+        numpy.save(rays, cast + numpy.float32(.5))
+        made(*(word.format(rays) for word in words), number=2)
+        self.refused(5, "is of another request .*: rays is", "merge", self.out / "rays.npz", first, second)
+
+    def test_every_option_of_a_query_is_part_of_its_request_or_changes_no_byte(self):
+        """Merge joins parts that say the same: it must know all options that change a byte."""
+        (self.out / "leaf.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+        turns = [{"name": name, "channels": [{"instance": "leaf", "path": "translation", "times": [0, 1],
+                                              "values": [[0, 0, 0], [far, 0, 0]]}]} for name, far in (("near", 1), ("far", 2))]
+        town = {"rnscene": 1, "objects": {"leaf": {"file": "leaf.obj"}}, "instances": [{"object": "leaf"}], "animations": turns}
+        (self.out / "town.rnscene.json").write_text(json.dumps(town))
+        self.client.json("load", self.out / "town.rnscene.json", "--name", "town")
+        way = numpy.zeros((2, 13))
+        way[:, 0], way[:, [1, 6, 11]] = (0, 1), 1
+        for name, array in (("masks", numpy.ones(2, numpy.uint32)), ("rays", numpy.eye(2, 6, dtype=numpy.float32) + .5),
+                            ("directions", numpy.eye(2, 3, dtype=numpy.float32)), ("way", way)):
+            numpy.save(self.out / f"{name}.npy", array)
+
+        def of(*words):
+            path = self.out / "of.npz"
+            self.done("query", "town", *words, "-o", path, "--part", "1/2")
+            with numpy.load(path) as file:
+                said = json.loads(file["part"].tobytes())
+            return {key: value for key, value in said.items() if key not in ("first", "count")}
+        cast = ("--rays", self.out / "rays.npy")
+        lidar = ("--generate", "lidar", "elevations=-9:9:2", "azimuths=0:360:8")
+        sweep = ("--generate", "sweep", "elevations=-9,9", "azimuths=0:360:8", f"trajectory={self.out}/way.npy")
+        moment = (*cast, "--time", "0.5")
+        changes = {
+            "intersector": [(cast, (*cast, "--intersector", "opaque"))], "mask": [(cast, (*cast, "--mask", "1"))],
+            "set": [(cast, (*cast, "--set", "cull=back"))],
+            "hide": [(cast, (*cast, "--hide", "leaf"))], "only": [(cast, (*cast, "--only", "leaf"))],
+            "skip-hidden-boxes": [((*cast, "--hide", "leaf"), (*cast, "--hide", "leaf", "--skip-hidden-boxes"))],
+            "time": [(cast, moment), (moment, (*cast, "--time", "0.6"))],
+            "animation": [(moment, (*moment, "--animation", "far"))],
+            "step-error": [(sweep, (*sweep, "--step-error", "1"))],
+            "from": [(("--rays", self.out / "directions.npy", "--from", start) for start in ("0,0,9", "0,0,8"))],
+            "masks": [(cast, (*cast, "--masks", self.out / "masks.npy"))],
+            "kind": [(cast, (*cast, "--kind", "all"))],
+            "max-hits": [((*cast, "--kind", "multi"), (*cast, "--kind", "multi", "--max-hits", "3"))],
+            "fields": [(cast, (*cast, "--fields", "t"))],
+            "reduce": [(lidar, (*lidar, "--reduce", "visible_pixels"))],
+            "ray": [(("--ray", "0,0,9,0,0,1", "--ray", f"0,0,9,0,{y},1") for y in (0, 1))],
+            "rays": [(("--rays", self.out / name, *more) for name, more in (
+                ("rays.npy", ()), ("directions.npy", ("--from", "0,0,9"))))],
+            "generate": [(lidar, (*lidar[:-1], "azimuths=0:180:8"))]}
+        changes_none = {"traversal": "single", "epoch": "1", "worker": "cpu", "deadline": "99", "priority": "low"}
+        by_python = {"returns", "divergence", "footprint", "resolution", "threshold", "noise", "seed", "prefer", "times", "time-step"}
+        with self.subTest("all options are named here"):
+            told = set(re.findall(r"^ +(?:-\w,)?--([a-z-]+)", self.done("query", "--help"), re.MULTILINE))
+            self.assertEqual(told, {"help", "output", "part", "detach", *by_python, *changes, *changes_none})
+        for option, pairs in changes.items():
+            for one, other in pairs:
+                with self.subTest(option):
+                    self.assertNotEqual(of(*one), of(*other))
+        for option, value in changes_none.items():
+            with self.subTest(option):
+                self.assertEqual(of(*cast), of(*cast, f"--{option}", value))
+        for words in ((*sweep, "--returns", "1"), (*cast, "--times", self.out / "rays.npy")):
+            self.refused(2, "--part", "query", "town", *words, "-o", self.out / "no.npz", "--part", "1/2")
 
     def test_parts_of_other_sweeps_are_told_apart(self):
         poses = numpy.zeros((2, 13))
@@ -317,6 +384,8 @@ class Parts(DaemonTest):
         numpy.save(way, poses + numpy.eye(13)[8])
         made(2)
         self.refused(5, "is of another request .*: rays is", "merge", self.out / "sweep.npz", first, second)
+        way = self.out / "copy.npy"
+        numpy.save(way, poses + numpy.eye(13)[8])
         made(1)
         self.done("merge", self.out / "sweep.npz", first, second)
 

@@ -3,6 +3,7 @@
 
 #include "engine/integrators/camera.h"
 #include "engine/scene/digest.h"
+#include "protocol/parts.h"
 #include "protocol/wire.h"
 #include "server/jobs/picture_job.h"
 #include "server/jobs/services.h"
@@ -12,6 +13,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 
 namespace raynest::server {
 
@@ -31,23 +33,10 @@ struct AskedPixels {
 /// Returns what tells requests apart: tiles of one picture have the same, on all hosts.
 template <class Message>
 [[nodiscard]] std::string request_digest(const Message& message) {
-    const std::unique_ptr<typename Message::NativeTableType> whole(message.UnPack());
-    whole->tile_x = whole->tile_y = whole->tile_width = whole->tile_height = 0;
-    if constexpr (requires { whole->best_by_ms; }) whole->best_by_ms = 0;
-    if (whole->job != nullptr) {
-        wire::JobT& job = *whole->job;
-        job.scene.clear();  // the file has its digest
-        job.epoch = 0;
-        job.worker.clear();
-        job.priority.clear();
-        job.deadline_ms = 0;
-        job.detach = false;
-    }
-    flatbuffers::FlatBufferBuilder builder;
-    builder.Finish(Message::Pack(builder, whole.get()));
+    const std::unique_ptr<typename Message::NativeTableType> request(message.UnPack());
+    const auto bytes = protocol::common_bytes(std::move(*request));
     Sha256 digest{};
-    (void)hash_bytes(std::as_bytes(std::span(builder.GetBufferPointer(), builder.GetSize())),
-                     digest);
+    (void)hash_bytes(std::as_bytes(std::span(bytes.data(), bytes.size())), digest);
     return digest_text(digest);
 }
 
