@@ -126,6 +126,24 @@ class Parts(DaemonTest):
             for name in wanted.files:
                 numpy.testing.assert_array_equal(file[name], wanted[name])
 
+    def test_point_clouds_of_parts_are_the_whole(self):
+        """In every byte, and of scenes of many sizes, whose .las have other scales."""
+        numpy.save(self.out / "rays.npy", numpy.random.default_rng(1).normal(0, 1, (500, 6)) * [9, 1, 9, 1, 1, 1])
+        many = (*SWEEP, "range=0:10", "--kind", "all", "--max-hits", "5", "--fields")
+        for number, (ending, *words) in enumerate((
+                ("las", *SWEEP, "--fields", "position,reflectance,ring"), ("las", *many, "position"),
+                ("las", *SWEEP, "range=0:0.01", "--fields", "position"), ("ply", *many, "position,t,path"),
+                ("ply", "--rays", self.out / "rays.npy", "--fields", "position,normal,base_colour"),
+                ("pcd", *SWEEP, "--fields", "position,t,ring"),
+                *(("las", "--generate", "orthographic", "size=9x9", LOOK, f"window={size}x{size}", "--fields", "position")
+                  for size in (1e-3, 30)))):
+            with self.subTest(ending, words=words):
+                whole, made = self.parts(f"{number}.npz", 3, "query", "woods", *words)
+                whole, out = self.out / f"whole{number}.{ending}", self.out / f"merged{number}.{ending}"
+                self.done("query", "woods", *words, "-o", whole)
+                self.done("merge", out, *made)
+                self.assertEqual(whole.read_bytes(), out.read_bytes())
+
     def test_pictures_of_parts_are_the_whole(self):
         size = ("--size", "200x150")
         for name, words in (("primary.exr", ("render", "woods", *size)),

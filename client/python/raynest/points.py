@@ -1,6 +1,7 @@
 """Point clouds as files: PLY, PCD and LAS, binary."""
 from __future__ import annotations
 
+import math
 import os
 import re
 import struct
@@ -161,7 +162,8 @@ def _write_las(points: Array, columns: dict[str, Array]) -> bytes:
     low = points.min(axis=0) if len(points) else np.zeros(3)
     high = points.max(axis=0) if len(points) else np.zeros(3)
     offset = np.floor(low)
-    scale = 10.0 ** np.ceil(np.log10(np.maximum(1e-9, (high - offset) / 2**30)))
+    # As the command does: numpy's powers may differ in the last bit.
+    scale = np.array([math.pow(10.0, math.ceil(math.log10(max(1e-9, step / 2**30)))) for step in high - offset])
     for axis, values in zip("xyz", np.rint((points - offset) / scale).T):
         table[axis] = values
     number = _within("return", columns.get("return", np.zeros(len(points))), 4).astype("u1") + np.uint8(1)
