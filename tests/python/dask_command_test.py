@@ -19,6 +19,7 @@ import raynest
 from raynest import _command, _deal, errors
 from raynest._beside import error_of
 from raynest._notes import Told
+from raynest._requests import deadlines
 from daemon import PATIENCE, until
 from secure_daemon import Certificates
 from with_cluster import WithCluster, many
@@ -158,7 +159,7 @@ class Commands(WithCluster):
                                   setup=self.setup), whole)
             self.assertEqual([str(each.message) for each in said if each.category is raynest.RayWarning][-2:], [
                 spread, "the deadline passed: pixels of the picture have 0 samples or more, fewer than it was asked for"])
-        words = ("--integrator=path", "--spp", "128", "--size", "64x56", "--deadline=1000", "-o")
+        words = ("--integrator=path", "--samples", "128", "--size", "64x56", "--deadline=1000", "-o")
         done = self.dealt(cluster, "--json", "render", SCENE, *words, "late.exr")
         self.assertEqual(done.returncode, 8, done.stderr)
         document = json.loads(done.stdout)
@@ -199,6 +200,8 @@ class Commands(WithCluster):
         for words, made in ((["--deadline", "6", "x"], ["--deadline", "3.0", "x"]), (["--deadline=6"], ["--deadline=3.0"]),
                             ([None, "--size", "6"], [None, "--size", "6"])):
             self.assertEqual(_command._with_share(words, lambda seconds: seconds / 2), made)
+        # As for --deadline 0.001 --cameras all: the command takes no less.
+        self.assertGreaterEqual(deadlines.share_of(0.001, 2, 99), 0.001)
 
     def test_a_picture_ends_with_its_deadline_whatever_became_of_its_parts(self):
         cluster = self.cluster(1)

@@ -285,7 +285,7 @@ def _integrator(words: Sequence[str]) -> str:
 def _samples_asked(words: Sequence[str]) -> int:
     given = dict(zip(words, [*words[1:], ""]))
     given.update(word.split("=", 1) for word in words if word.startswith("--") and "=" in word)     # type: ignore[misc]
-    return samples_asked(int(given.get("--spp", 0)), "--noise" in given)
+    return samples_asked(int(given.get("--spp", given.get("--samples", 0))), "--noise" in given)
 
 
 def _rows_of(data: bytes) -> int:

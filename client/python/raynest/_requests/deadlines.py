@@ -5,7 +5,8 @@ from typing import Any, Mapping
 
 from .arguments import milliseconds
 
-SHARE_SECONDS = 0.2     # that an item has at least: less is lost in what it costs to deal it out
+SHARE_SECONDS = 0.2         # that an item has at least: less is lost in what it costs to deal it out
+SHARE_SECONDS_MIN = 0.01    # where there are more items than that allows
 
 
 def deadline_of(options: Mapping[str, Any]) -> float:
@@ -20,7 +21,7 @@ def deadline_of(options: Mapping[str, Any]) -> float:
 def share_of(seconds: float, threads: int, items: int) -> float:
     """The time that each of so many items may take if all of them may take so long: they are made by turns where there are
     fewer threads."""
-    return seconds * min(1.0, max(1, threads) / items)
+    return max(SHARE_SECONDS_MIN, seconds * min(1.0, max(1, threads) / items))
 
 
 def items_within(seconds: float, threads: int, least: float = SHARE_SECONDS) -> int:
