@@ -399,7 +399,7 @@ class Parts(unittest.TestCase):
     def test_parts(self):
         def part(first, **more):
             return {"first": first, "count": 3, "of": 6, **more}
-        ends = np.array([0, 2, 2, 5], np.uint64)
+        ends = np.array([0, 2, 2, 5])
         hits = self.merged((part(0), {"file": t(3)}), (part(3), {"file": t(3)}))
         np.testing.assert_array_equal(hits["file"], [0, 1, 2, 0, 1, 2])
         hits = self.merged(*[(part(i), {"ray_splits": ends, "t": t(5)}) for i in (0, 3)])
@@ -410,11 +410,31 @@ class Parts(unittest.TestCase):
                 ("another type", part(3), {"t": np.zeros(3, np.uint32)}),
                 ("objects", part(3), {"t": np.array([{}, {}, {}], object)}), ("texts", part(3), {"t": np.array(["a", "b", "c"])}),
                 ("splits", part(3), {"t": t(5), "ray_splits": ends[::-1]}),
-                ("splits that begin late", part(3), {"t": t(5), "ray_splits": ends + (ends == 0).astype(np.uint64)}),
                 ("no columns of a reducer", part(3, reduce="visible_pixels"), {"t": t(3)}),
                 ("a huge number", b'{"first": 1e999, "count": 3, "of": 6}', {"t": t(3)}), ("depth", b"[" * 100000, {"t": t(3)})):
             with self.subTest(name), self.assertRaisesRegex(raynest.InvalidError, "1.npz"):
                 self.merged((part(0), {"t": t(5), "ray_splits": ends} if "ray_splits" in columns else {"t": t(3)}), (said, columns))
+
+    def test_columns_have_the_types_that_answers_have(self):
+        ends, seen = np.array([0, 2, 2, 5]), {"path": np.ones(1, np.uint64), "pixels": np.ones(1, np.uint32)}
+        whole = {"first": 0, "count": 3, "of": 3}
+        self.merged((whole, {"t": t(5), "ray_splits": ends}))
+        self.merged(({**whole, "reduce": "visible_pixels"}, seen))
+        for more, columns in (("", {"t": t(5), "ray_splits": ends.astype(np.uint8)}), ("", {"t": t(3).astype(float)}),
+                              ("", {"uv": np.zeros((3, 3), np.float32)}), ("", {"file": np.zeros(3, np.longdouble)}),
+                              ("visible_pixels", {**seen, "pixels": -np.ones(1, int)}),
+                              ("visible_pixels", {name: column[:, None] for name, column in seen.items()})):
+            with self.subTest(columns), self.assertRaisesRegex(raynest.InvalidError, "0.npz: is no part, made with --part: its column"):
+                self.merged(({**whole, "reduce": more}, columns))
+
+    def test_what_only_all_parts_together_have(self):
+        splits = [({"first": first, "count": 1, "of": 2}, {"flags": np.zeros(1, np.uint8), "ray_splits": np.array([0, 2**62])})
+                  for first in (0, 1)]
+        with self.assertRaisesRegex(raynest.InvalidError, "more hits than are counted"):
+            self.merged(*splits)
+        with unittest.mock.patch("raynest.merge.joined", side_effect=OverflowError("at x")), \
+                self.assertRaisesRegex(raynest.InvalidError, "0.npz and the other parts become no .npz: it is damaged, or has been cut$"):
+            self.merged(splits[0], splits[1])
 
     def test_ranges_are_those_of_all_counts(self):
         counts = np.arange(1, 151)

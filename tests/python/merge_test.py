@@ -110,6 +110,13 @@ class Damaged(Merging):
                     with self.subTest(path.name, length=length, out=out):
                         self.assertTrue(self.refused(path, data[:length], out))
 
+    def test_a_file_that_is_empty(self):
+        empty = self.out / "empty.npz"
+        for data in (b"", b"\x93NUMPY"):
+            empty.write_bytes(data)
+            with self.assertRaisesRegex(raynest.InvalidError, "^.*empty.npz: is no part, made with --part: it is empty, or no .npz$"):
+                merge(str(self.out / "whole.npz"), [str(empty)])
+
     def test_a_file_with_other_bytes(self):
         chance = random.Random(1)
         for path, data in self.parts():

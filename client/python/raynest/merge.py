@@ -25,10 +25,10 @@ import numpy as np
 
 from ._heat import check, limit_of, line_of, tell_exceeded
 from ._pictures import Part, counts_of, filled, join_drawn, join_exr, join_npy, join_png, read_exr_part, read_png
-from ._requests.columns import OF_HITS, REDUCED
+from ._requests.columns import OF_HITS, REDUCED, USUAL
 from ._requests.npz import write_npz
 from ._told import carry_out, fail
-from .errors import FailedError, InvalidError, UsageError
+from .errors import Error, FailedError, InvalidError, UsageError
 from .points import ENDINGS, formatted, place_of
 
 # Endings of files, and those of the parts that become one.
@@ -78,11 +78,8 @@ def merge(out: str, paths: Sequence[str], limits: Sequence[str] = (), late: bool
             raise InvalidError(f"{path}: {error.strerror}", "FILE_INVALID") from None
         except MemoryError:
             raise InvalidError(f"{path}: has more than fits into memory", "FILE_INVALID") from None
-        except (struct.error, zlib.error, zipfile.BadZipFile, EOFError, ValueError, LookupError, TypeError,
-                AttributeError, ArithmeticError, RuntimeError, tokenize.TokenError) as error:
-            # Others than our own and numpy's say where in the file they were found, and not what is wrong with it.
-            why = error if type(error) is ValueError else "it is damaged, or has been cut"
-            raise InvalidError(f"{path}: is no part, made with --part: {why}", "FILE_INVALID") from None
+        except _DAMAGED as error:
+            raise InvalidError(f"{path}: is no part, made with --part: {_why(error)}", "FILE_INVALID") from None
     parts.sort(key=lambda part: part.first)
     parts, missing = filled(parts) if late else (parts, 0)
     _check(parts, rows)
@@ -98,14 +95,28 @@ def merge(out: str, paths: Sequence[str], limits: Sequence[str] = (), late: bool
             except BaseException:
                 os.unlink(file.name)
                 raise
+    except Error:
+        raise
     except OSError as error:
         raise UsageError(f"cannot write {out}: {error.strerror}") from None
     except MemoryError:
         raise InvalidError(f"{out}: has more than fits into memory", "FILE_INVALID") from None
+    except _DAMAGED as error:
+        raise InvalidError(f"{parts[0].path} and the other parts become no {ending}: {_why(error)}", "FILE_INVALID") from None
     checks = check(asked, counts_of(parts)) if asked else []
     said = [f"{out}: {what} of {len(paths)} parts", *map(line_of, checks)]
     return "\n".join(said), {"file": out, "parts": len(paths), **({"checks": checks} if asked else {}),
                              **({"late": missing} if late else {})}
+
+
+# The errors of what reads and joins files that were damaged, or made by others.
+_DAMAGED = (struct.error, zlib.error, zipfile.BadZipFile, EOFError, ValueError, LookupError, TypeError, AttributeError,
+            ArithmeticError, RuntimeError, tokenize.TokenError)
+
+
+def _why(error: Exception) -> str:
+    """Others than our own and numpy's say where in the file they were found, and not what is wrong with it."""
+    return str(error) if type(error) is ValueError else "it is damaged, or has been cut"
 
 
 def _umask() -> int:
@@ -160,6 +171,8 @@ def _short(value: Any) -> str:
 # ---- columns ------------------------------------------------------------------------------------
 
 def _read_npz(path: str, data: bytes) -> Part:
+    if not data.startswith(b"PK"):
+        raise ValueError("it is empty, or no .npz")
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         columns = {name: file[name] for name in file.files}
     if "part" not in columns:
@@ -197,9 +210,15 @@ def _check_rows(columns: dict[str, Any], count: int) -> int:
         raise ValueError(f"it has {rows} rows for {count} rays or points")
     for name, column in columns.items():
         most = rows + 1 if name == "ray_splits" else rows if splits is None or name not in OF_HITS else int(splits[-1])
-        if column.shape[:1] != (most,) or column.dtype.kind not in "fiub":
+        if column.shape[:1] != (most,) or column.dtype not in _TYPES:
             raise ValueError(f"its column {name} has not {most} rows of numbers")
+        dtype, shape = USUAL.get(name, (column.dtype, column.shape[1:]))
+        if (column.dtype, column.shape[1:]) != (dtype, shape):
+            raise ValueError(f"its column {name} has rows of {column.dtype} {column.shape[1:]}, and not of {dtype} {shape}")
     return rows // max(1, count)
+
+
+_TYPES = {dtype for dtype, _ in USUAL.values()}
 
 
 def _row_count(columns: dict[str, Any]) -> int:
@@ -259,6 +278,8 @@ def joined(found: Sequence[dict[str, Any]], reduce: str = "") -> dict[str, Any]:
         pieces = [columns[name] for columns in found]
         if name == "ray_splits":
             steps = np.concatenate([np.diff(piece) for piece in pieces])
+            if sum(int(piece[-1]) for piece in pieces) > np.iinfo(steps.dtype).max:
+                raise InvalidError("the parts have more hits than are counted", "LIMIT_EXCEEDED")
             whole[name] = np.concatenate([np.zeros(1, steps.dtype), np.cumsum(steps)])
         else:
             whole[name] = np.concatenate(pieces)

@@ -154,6 +154,14 @@ def as_usual(columns: Columns) -> Columns:
     return {name: usual(name, column) for name, column in columns.items()}
 
 
+# The types and shapes of rows that as_usual() and to_world() make of what is known, and those of a sensor's own columns.
+USUAL: dict[str, tuple[np.dtype[Any], tuple[int, ...]]] = {
+    **{name: (np.dtype(bool) if name in _lists.TRUTHS else np.dtype(np.float64) if name in _lists.POINTS else
+              np.dtype(np.int64) if name == "ray_splits" else dtype, () if width == 1 else (width,))
+       for name, (dtype, width) in _KNOWN.items()},
+    "ring": (np.dtype(np.uint16), ()), "time": (np.dtype(np.float64), ())}
+
+
 def anywhere(chunk: Chunk) -> list[Array]:
     """Allocates arrays for each chunk."""
     return [block.array() for block in chunk.blocks]
