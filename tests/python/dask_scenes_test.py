@@ -443,10 +443,13 @@ class Moving(WithCluster):
         with self.assertRaisesRegex(raynest.UsageError, "as it was prepared"), scene.edit() as edit:
             edit.add(stone, name="stone")
         self.assertEqual(scene.epoch, 2)
-        with scene.edit() as edit:
-            edit.move("nobody", (1, 0, 0))
-        with self.assertRaisesRegex(raynest.UsageError, "edit 2 of the scene is left out from now on: .*nobody"):
-            many.sweep(cluster.client, scene, [(3, RAYS)], setup=self.setup)
+        damaged = many.prepare(b"glTF and no more")
+        for change, error, said in ((lambda edit: edit.move("nobody", (1, 0, 0)), raynest.UsageError, "2 .*nobody"),
+                                    (lambda edit: edit.add(damaged, name="bad"), raynest.InvalidError, "3 .*scene.glb")):
+            with scene.edit() as edit:
+                change(edit)
+            with self.assertRaisesRegex(error, "edit {} of the scene is left out from now on: {}".format(*said.split(" "))):
+                many.sweep(cluster.client, scene, [(scene.epoch, RAYS)], setup=self.setup)
         with scene.edit() as edit:
             edit.hide("car")
         with self.client.scene_of(self.PARTS, self.PLACES) as alone:
@@ -457,8 +460,8 @@ class Moving(WithCluster):
                 edit.hide("car")
             whole.append(alone.trace(RAYS, fields=("t",)))
         # The epochs before it, of it, and after it.
-        found = many.sweep(cluster.client, scene, [(epoch, RAYS) for epoch in (2, 3, 4)], fields=("t",), setup=self.setup)
-        for seen, one in zip(found, (whole[0], *whole)):
+        found = many.sweep(cluster.client, scene, [(epoch, RAYS) for epoch in (2, 3, 4, 5)], fields=("t",), setup=self.setup)
+        for seen, one in zip(found, (whole[0], whole[0], *whole)):
             self.same(seen, one)
         for wrong, call, options in (("a side of size of 0", many.render, {"size": (0, 4)}), ("items of 0", many.trace, {"item_rays": 0}),
                                      ("tile= is for one daemon", many.render, {"tile": (0, 0, 64, 8)}),

@@ -258,9 +258,9 @@ class Host(Daemon):
                 scene, made = self._load(client, source, name), 0
         try:
             for number, (change, added) in self._changes(source, made):
-                # They are held until the change is made; then the scene has what it takes of them.
-                held_for_it = [self._load(client, other._replace(sending=source.sending), other.name) for other in added]
                 try:
+                    # They are held until the change is made; then the scene has what it takes of them.
+                    held_for_it = [self._load(client, other._replace(sending=source.sending), other.name) for other in added]
                     change.apply(client.connection, scene.name)
                 except (UsageError, InvalidError) as error:
                     if error.name != "SCENE_UNKNOWN":
