@@ -7,6 +7,8 @@ import contextlib
 import os
 import pathlib
 import signal
+import subprocess
+import sys
 import tempfile
 import unittest.mock
 
@@ -123,6 +125,23 @@ class Hosts(WithDaemon):
                 self.assertEqual((second.poll(), third.poll()), (None, None))
             self.assertIsNone(started("1").poll())
             self.assertIsNotNone(second.wait())
+
+    def test_a_daemon_that_another_worker_process_uses_stays(self):
+        host = self.worker()
+        host.client().ping()
+        uses = ("import sys; from raynest._own_daemon import Daemon, Setup; daemon = Daemon(Setup(), ''); daemon.folder = sys.argv[1]\n"
+                "with daemon.in_use():\n    print(flush=True)\n    sys.stdin.read()")
+        with subprocess.Popen([sys.executable, "-c", uses, host.folder], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+            other.stdout.readline()
+            self.assertFalse(host.end_if_idle(0))
+            self.assertIsNone(host._process.poll())
+            other.stdin.close()
+        self.assertEqual(other.returncode, 0)
+        self.assertFalse(host.end_if_idle(1000))
+        process = host._process
+        self.assertTrue(host.end_if_idle(0))
+        self.assertIsNotNone(process.wait())
+        self.assertFalse(os.path.exists(host.folder))
 
     def test_hosts_that_share_a_folder_for_what_is_temporary_keep_apart(self):
         here = self.worker()

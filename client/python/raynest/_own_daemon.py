@@ -158,6 +158,39 @@ class Daemon:
             if process > 0:     # it may be in another container
                 os.kill(process, signal.SIGKILL)
 
+    @contextlib.contextmanager
+    def in_use(self) -> Iterator[None]:
+        """While this lasts, no process of this host ends the daemon as one that has nothing to do."""
+        while True:
+            self._private()
+            try:
+                lock = os.open(self.folder + "/items", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            except FileNotFoundError:
+                continue    # the folder has just been taken away
+            fcntl.flock(lock, fcntl.LOCK_SH)
+            if _is(lock, self.folder + "/items"):
+                break
+            os.close(lock)
+        try:
+            yield
+        finally:
+            os.utime(lock)
+            os.close(lock)
+
+    def end_if_idle(self, seconds: float) -> bool:
+        """Ends the daemon, unless a process of this host has used it for so long. Returns whether this one is done with it."""
+        try:
+            with open(self.folder + "/items", "rb") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if time.time() - os.fstat(lock.fileno()).st_mtime < seconds:
+                    return False
+                self._end()
+        except BlockingIOError:
+            return False
+        except FileNotFoundError:
+            pass    # another one has taken it away
+        return True
+
     def _end(self) -> None:
         with self._mutex:
             if self._process is None:
@@ -199,7 +232,7 @@ class Daemon:
         lock = os.open(self.folder + "/lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            held = os.path.samestat(os.fstat(lock), os.stat(self.folder + "/lock"))     # nobody has taken it away
+            held = _is(lock, self.folder + "/lock")
         except OSError:
             held = False
         if not held:
@@ -258,6 +291,13 @@ class Daemon:
         if process.returncode is not None:
             raise FailedError(f"{where} has a daemon that ended at once{_last_line(log, process.returncode)}")
         return process
+
+
+def _is(opened: int, path: str) -> bool:
+    """False if what was opened there has been taken away."""
+    with contextlib.suppress(FileNotFoundError):
+        return os.path.samestat(os.fstat(opened), os.stat(path))
+    return False
 
 
 def _take_away(folder: str) -> None:

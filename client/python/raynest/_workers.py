@@ -76,8 +76,6 @@ class Host(Daemon):
     def __init__(self, setup: Setup, key: str) -> None:
         super().__init__(setup, key)
         self._elsewhere: set[str] = set()       # scenes whose files are not at their path here
-        self.items = 0                          # that are being made
-        self.left = time.monotonic()            # since when none was, if none is
         self._threads: weakref.WeakSet[Held] = weakref.WeakSet()
         self._tidies = threading.Lock()         # held until what is kept now is looked at
 
@@ -295,17 +293,12 @@ def _host(setup: Setup) -> Iterator[Host]:
     with _hosts_lock:
         if (setup, key) not in _hosts:
             for known, idle in list(_hosts.items()):
-                if not idle.items and time.monotonic() - idle.left > IDLE_SECONDS:
-                    _hosts.pop(known)._end()
+                if idle.end_if_idle(IDLE_SECONDS):
+                    _hosts.pop(known)
             _hosts[setup, key] = Host(setup, key)
         host = _hosts[setup, key]
-        host.items += 1
-    try:
+    with host.in_use():
         yield host
-    finally:
-        with _hosts_lock:
-            host.items -= 1
-            host.left = time.monotonic()
 
 
 @dataclasses.dataclass(frozen=True)
