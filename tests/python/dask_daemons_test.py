@@ -17,7 +17,9 @@ import numpy as np
 import raynest
 from daemon import until
 from raynest import _own_daemon, _workers
+from raynest._notes import Told
 from raynest._own_daemon import Daemon
+from raynest._travel import Missing
 from with_cluster import many
 from with_daemon import WithDaemon, main, rain
 
@@ -142,6 +144,11 @@ class Hosts(WithDaemon):
         self.assertTrue(host.end_if_idle(0))
         self.assertIsNotNone(process.wait())
         self.assertFalse(os.path.exists(host.folder))
+
+    def test_a_block_of_arrays_that_no_worker_can_make_any_more_says_what_helps(self):
+        with unittest.mock.patch.object(_workers, "item", return_value=("here", Missing(["a file"]), Told())), \
+                self.assertRaisesRegex(raynest.FailedError, r"lacks the scene, .*: call arrays\(\) again$"):
+            _workers.columns_of("", self.setup, None, None, {}, 0, 1, "", ())
 
     def test_hosts_that_share_a_folder_for_what_is_temporary_keep_apart(self):
         here = self.worker()

@@ -352,7 +352,7 @@ def columns_of(version: str, setup: Setup, source: Source, rays: Any, options: d
     try:
         _, answer, told = item(version, setup, source, "trace", rays, options)
         if isinstance(answer, Missing):
-            raise FailedError(f"{here()} lacks the scene, and no other worker has its files: compute the arrays again")
+            raise FailedError(f"{here()} lacks the scene, and no other worker has its files any more: call arrays() again")
         if rounding not in ("", told.rounding):
             raise FailedError(f"{here()} rounds {told.rounding}, and those that were there first {rounding}, so its bytes differ")
     except Exception:

@@ -153,8 +153,9 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
     written there, as by to_zarr() to where all hosts see it. Their methods work with the Client that Dask takes by
     default; another one has client.compute(column). For kinds "closest" and "any". A block that is lost is made again, of
     rays that the scheduler keeps until then: have few that are sent, or a generator. Hosts that fail, round otherwise or have
-    another version at the time of the call get no block, and one that fails later leaves its blocks to others. But Dask alone
-    waits for the blocks: those of a worker that is stuck come when Dask gives it up, after the scheduler's
+    another version at the time of the call get no block, and one that fails later leaves its blocks to others. Where none is
+    left of the workers that had the scene's files, call arrays() again: Dask cannot send them anew. And Dask alone waits for
+    the blocks: those of a worker that is stuck come when Dask gives it up, after the scheduler's
     `distributed.scheduler.worker-ttl` (5 minutes), or at once if you end that worker.
     Warnings come when a block is made, of its rays alone."""
     from dask.delayed import delayed
