@@ -28,6 +28,7 @@ Json outcome_json(const Outcome& outcome) {
               {"rows", outcome.rows.value_or(0)},
               {"seconds", outcome.seconds},
               {"queued_seconds", outcome.queued_seconds}};
+    if (!outcome.note_of_all.empty()) json["note_of_all"] = outcome.note_of_all;
     if (outcome.invalid != 0) json["first_invalid"] = outcome.first_invalid;
     // A picture that its deadline ended may have pixels without one.
     if (outcome.samples != 0 || outcome.incomplete) {

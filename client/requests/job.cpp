@@ -107,6 +107,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         }
         outcome.target = protocol::word(done.target(), outcome.target);
         add_notes(done.notes(), outcome);
+        outcome.note_of_all = localize_message(std::string(protocol::text(done.note_of_all())));
         outcome.samples = done.samples();
         outcome.noise = done.noise();
         outcome.dropped = done.dropped();

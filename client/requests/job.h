@@ -34,6 +34,7 @@ struct Outcome {
     bool has_started = false;  ///< STARTED has come
     bool may_detach = false;   ///< the request asked for a detached job; set by who sends it
     std::vector<std::string> notes;
+    std::string note_of_all;           ///< parts of pictures only: a note if all parts have it
     std::uint64_t rays_announced = 0;  ///< queries only, from STARTED
     WorldPoint origin{};               ///< the scene's, from STARTED
     std::vector<std::string> hidden;   ///< columns that users did not ask for, from STARTED

@@ -96,9 +96,8 @@ std::string PictureJob::hint(std::uint64_t rays) const {
                                     services_.limits.text_bytes_max);
     };
     if (scene.bounds().is_empty()) return line("nothing: the scene is empty");
-    // A picture that was continued or cut short may have traced a few of its pixels only, and a
-    // tile has few of them.
-    if (rays < request_.pixels() || !request_.window.is_whole()) return {};
+    // A picture that was continued or cut short may have traced a few of its pixels only.
+    if (rays < request_.pixels()) return {};
     const bool nothing = statistics_.hits() == 0;
     if (nothing && mask_hides_all(plan_))
         return line(plan_.mask == Plan{}.mask
@@ -228,7 +227,10 @@ Task PictureJob::encode_task() {
         payload_.set(std::move(*payload));
         done_ = done();
         complete(done_);
-        if (std::string line = hint(done_.rays); !line.empty())
+        std::string line = hint(done_.rays);
+        if (!request_.window.is_whole())
+            done_.note_of_all = std::move(line);
+        else if (!line.empty())
             done_.notes.push_back(std::move(line));
         return Frames{};
     };

@@ -76,6 +76,9 @@ class Cameras(WithDaemon):
                 with self.assertWarnsRegex(raynest.RayWarning, "to frame the scene take look_at="):
                     show(size=(32, 18), camera=camera)
                 self.assertIn(f"camera '{camera}' {why}", self.notes())
+                show(size=(32, 18), camera=camera, tile=(0, 8, 32, 8))
+                self.assertNotIn(why, self.notes())     # it does not know the other tiles
+                self.assertIn(f"camera '{camera}' {why}", self.client.outcome["note_of_all"])
             show(size=(32, 18))
             self.assertNotIn("look_at", self.notes())
         seen = self.cli.run("render", "cube", "--size", "32x18", "--camera", "away",

@@ -117,6 +117,17 @@ class Commands(WithCluster):
                     else:
                         self.assertEqual(len(told), 1, told)
                         self.assertIn(f"sees {sees}", told[0])
+        # Few pixels of the whole see this one, and most tiles see nothing.
+        leaf = (np.float32([[0, 0, 0], [.01, 0, 0], [0, .01, 0]]) + np.float32([.013, .021, 0]), np.array([[0, 1, 2]]))
+        for show, how in ((many.render, {}), (many.heatmap, {}), (many.render, {"integrator": "ao", "spp": 1})):
+            with self.subTest("a small thing", show=show, **how), warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always")
+                found = show(cluster.client, leaf, size=(960, 540), look_at=((0, 0, 2), (0, 0, 0)), fov=40, setup=self.setup, **how)
+                self.assertGreater(len(np.unique(found["rgba"] if how else found)), show is many.render)
+                self.assertEqual([str(each.message) for each in said if "camera" in str(each.message)], [])
+        with self.subTest("a picture of one column"):
+            tall = {"size": (1, 16384)}
+            self.same({"": many.render(cluster.client, SCENE, setup=self.setup, **tall)}, {"": self.woods.render(**tall)})
 
     def test_a_picture_has_the_samples_that_were_made_by_its_deadline(self):
         cluster = self.cluster(1)
@@ -192,7 +203,7 @@ class Commands(WithCluster):
         cluster = self.cluster(1)       # of two threads
         deal = many.Deal(cluster.client, self.setup, many.prepare(SCENE), "render", [
             many.Part({"deadline": 8}, late=Told()), many.Part({}, late=Told())], PATIENCE, None)
-        for left, items, share in ((8, 8, 2.0), (8, 1, 8.0), (4, 4, 2.0), (2, 8, 0.5), (-1, 2, _deal.SHARE_SECONDS_MIN)):
+        for left, items, share in ((8, 8, 2.0), (8, 1, 8.0), (4, 4, 2.0), (2, 8, 0.5), (-1, 2, deadlines.SHARE_SECONDS_MIN)):
             deal._left, deal._end = items, 2.0**20 + left
             with self.subTest(left=left, items=items), unittest.mock.patch.object(deal._roster, "threads", return_value=2), \
                     unittest.mock.patch.object(_deal.time, "monotonic", return_value=2.0**20):

@@ -24,7 +24,7 @@ from ._copies import settle
 from ._deal import Deal
 from .dask import known_to
 from ._heat import tell_exceeded
-from ._notes import Told, is_hint, look_size, note_of_none, notes_of
+from ._notes import Told, note_of_all, note_of_none, notes_of
 from ._prepared import Baggage, Part, Prepared
 from ._requests.deadlines import deadline_of, items_within, share_of
 from ._requests.files import STANDARD, read_file
@@ -84,10 +84,6 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
                        "words": [*plain, *which, "-o", None, "--part", f"{i + 1}/{count}"]}, late=late)
                  for _, which in pictures for i in range(count)]
         paths = [os.path.join(folder, f"{i}{ending}") for i in range(len(parts))]
-        if words[0] in ("render", "heatmap"):
-            look = _look(plain, is_lit(_integrator(words)))
-            parts += [Part({"scene": scene, "ending": ending, "words": [*look, *which, "-o", None]}, weight=0, late=late, looks=True)
-                      for _, which in pictures]
         told: dict[int, dict[str, Any]] = {}
         too_late: list[DeadlineError] = []
         with contextlib.closing(Deal(cluster, setup, known, command, parts, patience, progress, "parts").answers()) as answers:
@@ -96,8 +92,6 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
                     too_late.append(answer)
                     continue
                 data, told[item] = answer
-                if parts[item].looks:
-                    continue
                 with open(paths[item], "wb") as file:
                     file.write(data)
         made = []
@@ -109,10 +103,8 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
             line, document = merge(path, [paths[item] for item in there], limits, late=len(there) < count)
             if height := document.pop("late", 0):
                 documents.append({**documents[0], **dict.fromkeys(SUMS, 0), "height": height, "incomplete": True, "samples": 0,
-                                  "notes": [note_of_none(_samples_asked(words))]})
-            of_all = {**whole_of(documents), **document}
-            of_all["notes"] += filter(is_hint, told.get(len(paths) + i, {}).get("notes", ()))
-            made.append((line, of_all))
+                                  "note_of_all": "", "notes": [note_of_none(_samples_asked(words))]})
+            made.append((line, {**whole_of(documents), **document}))
         return made
 
 
@@ -212,21 +204,6 @@ def _with_share(words: Sequence[Any], share: Callable[[float], float]) -> list[A
             to = at if sign else at + 1
             made[to] = (option + sign if sign else "") + repr(share(float(seconds if sign else made[to])))
     return made
-
-
-def _look(words: Sequence[Any], lit: bool) -> list[Any]:
-    """The words of a look at a whole picture, which may be lit, in few pixels."""
-    given, left, size = iter(words), [], (960, 540)
-    for word in given:
-        option, sign, value = word.partition("=") if isinstance(word, str) else ("", "", "")
-        if option in ("--size", "--spp", "--samples", "--noise", "--deadline"):
-            value = value if sign else next(given)
-            if option == "--size":
-                width, height = map(int, value.split("x"))
-                size = width, height
-        else:
-            left.append(word)
-    return [*left, *(["--spp", "1"] if lit else []), "--size", "{}x{}".format(*look_size(size))]
 
 
 def _all_cameras(words: Sequence[Any]) -> Optional[slice]:
@@ -339,7 +316,9 @@ def whole_of(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
     if "incomplete" in whole:
         whole["incomplete"] = any(each["incomplete"] for each in told)
         whole["samples"] = min(each["samples"] for each in told)
-    whole["notes"] = notes_of((each.get("height", 1), each.get("notes", ())) for each in told)
+    whole.pop("note_of_all", None)
+    whole["notes"] = [*notes_of((each.get("height", 1), each.get("notes", ())) for each in told),
+                      *note_of_all(each.get("note_of_all", "") for each in told)]
     return whole
 
 

@@ -17,7 +17,7 @@ from ._travel import Missing
 from ._prepared import Part, Prepared, at_their_epoch
 from ._roster import Places, plain
 from ._version import VERSION
-from ._notes import Told, is_hint, tell
+from ._notes import Told, tell
 from ._own_daemon import Setup, here, until_left
 from ._requests.deadlines import deadline_of, share_of
 from ._workers import NoRoom, OtherVersion, item as make_item
@@ -29,7 +29,6 @@ ASK_SECONDS = 1.0          # between two questions to the scheduler who makes wh
 HELD_MAX = 8               # times `patience` that a worker which fails gets nothing new
 LOAD_BYTES_PER_SECOND = 5e6     # that even a slow host fetches and builds
 SENDS_MAX = 100            # times that an item may find pieces of the scene missing
-SHARE_SECONDS_MIN = 0.01    # that an item gets as its deadline, however late it is
 LATE_SECONDS = 2.0         # after a deadline that the answers of items may come whose share ended with it
 HERE_MAX = 2               # items that wait for this machine's daemon, while no worker lives
 _ONCE = (UsageError, InvalidError, TypeError)   # what another worker would answer alike
@@ -226,7 +225,7 @@ class Deal:
         if part.late is None or not part.options.get("deadline"):
             return part.options
         share = share_of(self._end - time.monotonic(), self._roster.threads(self._patience), self._left)
-        return {**part.options, "deadline": max(share, SHARE_SECONDS_MIN)}
+        return {**part.options, "deadline": share}
 
     def _at_the_end(self) -> list[tuple[int, Any]]:
         """The answers of items at the request's deadline: of those that may have none, once nobody makes them, or lately did."""
@@ -274,7 +273,7 @@ class Deal:
             return []
         elif came.error is None:
             answer, told = came.answer
-            self._keep(item, told)
+            self._told[item] = told
             return [(item, answer)]
         else:
             return self._not_made_here(item, came.error)
@@ -293,15 +292,10 @@ class Deal:
             return self._again(item, error)
         self._cannot = None
         self._seconds.append(self._news - copy.born)
-        self._keep(item, told)
+        self._told[item] = told
         if where in self._failures:
             self._failures[where] = self._failures[where]._replace(in_a_row=0, until=-np.inf)
         return [(item, answer)]
-
-    def _keep(self, item: int, told: Told) -> None:
-        """Takes down what an answer tells, until all is told."""
-        hints = tuple(each for each in told.warned if is_hint(each[0]))
-        self._told[item] = Told(hints) if self._parts[item].looks else told
 
     def _check(self, item: int, where: str, answer: Any, told: Told) -> None:
         """Raises FailedError for what is no answer of the item, whoever has made it."""

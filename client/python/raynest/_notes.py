@@ -8,6 +8,7 @@ from typing import Any, Callable, Iterable, Mapping, NamedTuple, Optional, Seque
 
 from ._requests.film import warn_if_incomplete
 from ._requests.job import Outcome
+from ._wording import localize_message
 from .errors import RayWarning, Warning, warn, warnings_taken
 
 # Counts that stand in warnings, by the method of Scene that was called.
@@ -59,18 +60,11 @@ def notes_of(parts: Iterable[tuple[float, Sequence[str]]]) -> list[str]:
     return [*plain, *(_COUNTING[pattern](whole, notes) for pattern, notes in counting.items())]
 
 
-LOOK_WIDTH = 64     # pixels of a picture that is traced for its hints
-
-
-def look_size(size: tuple[int, int]) -> tuple[int, int]:
-    """The size of a picture of what a larger one shows. Tiles do not know whether the camera sees anything elsewhere."""
-    width, height = size
-    return LOOK_WIDTH, max(1, round(LOOK_WIDTH * height / width))
-
-
-def is_hint(note: str) -> bool:
-    """True if it says what a camera sees."""
-    return note.startswith("camera '")
+def note_of_all(parts: Iterable[str]) -> list[str]:
+    """The note that each part of a picture has, such as that the camera sees nothing, if there is one: a part does not know
+    what the camera sees elsewhere."""
+    found = set(parts)
+    return list(found) if len(found) == 1 and found != {""} else []
 
 
 def note_of_none(samples: int) -> str:
@@ -85,6 +79,7 @@ class Told(NamedTuple):
     warned: Sequence[tuple[str, type[Warning]]] = ()
     counts: Optional[Outcome] = None
     rounding: str = ""
+    of_all: str = ""        # a warning, if all items have it
 
 
 def rounding_of(outcome: Mapping[str, Any]) -> str:
@@ -101,7 +96,8 @@ def told_of(method: str, warned: Sequence[tuple[str, type[Warning]]], outcome: O
     with warnings_taken() as counted:
         _warn_of(counts)
     notes: list[tuple[str, type[Warning]]] = [(note, RayWarning) for note in outcome.get("notes", ()) if note.startswith("pixels ")]
-    return Told(tuple(each for each in dict.fromkeys([*warned, *notes]) if each not in counted), counts if counted else None, rounding_of(outcome))
+    return Told(tuple(each for each in dict.fromkeys([*warned, *notes]) if each not in counted), counts if counted else None, rounding_of(outcome),
+                localize_message(outcome.get("note_of_all", "")))
 
 
 def _warn_of(counts: Outcome) -> None:
@@ -119,6 +115,8 @@ def tell(told: Iterable[tuple[int, Told]], rays: int) -> None:
         for text in notes_of((end - first, [text for text, its in item.warned if its is category])
                              for (first, item), end in zip(told, ends)):
             warn(text, category)
+    for text in note_of_all(item.of_all for _, item in told):
+        warn(text, RayWarning)
     for first, counts in ((first, item.counts) for first, item in told if item.counts is not None):
         for key in ("invalid", "truncated"):
             whole[key] = whole.get(key, 0) + counts.get(key, 0)

@@ -339,7 +339,6 @@ class Part(NamedTuple):
     fits: Callable[[Any], bool] = lambda answer: True   # says whether an answer may be the item's
     # Told where its deadline passes: its share of that of the request. Its answer is the error then.
     late: Optional[Told] = None
-    looks: bool = False        # at all of a picture in few pixels, for what is told of its camera and nothing else
     first: str = ""            # the worker that gets it first
 
 

@@ -38,7 +38,7 @@ from ._requests.picture import size_message
 from ._requests.rays import pair
 from ._shutter import picture_in_motion, pixels_of
 from ._timed import moments
-from ._notes import Told, look_size, note_of_none
+from ._notes import Told, note_of_none
 from ._prepared import Baggage, Part, Prepared, at_their_epoch
 from ._roster import PATIENCE, roster_of
 from ._version import VERSION
@@ -441,9 +441,6 @@ def _tiled(cluster: Any, known: Prepared, method: str, size: tuple[int, int], sa
                    if name in TRAVELS else value for name, value in options.items()}
         parts = [Part({**options, "size": size, "tile": tile}, weight=tile[2] * tile[3],
                       fits=functools.partial(_has_pixels, tile[2], tile[3]), late=late) for tile in cut]
-        parts.append(Part({**options, "size": look_size(size), "deadline": None,
-                           **({"spp": 1, "noise": None} if is_lit(options.get("integrator", "primary")) else {})}, weight=0,
-                          late=late, looks=True))
         return _mosaic(size, cut, Deal(cluster, setup, known, method, parts, patience, progress))
 
 
@@ -452,8 +449,6 @@ def _mosaic(size: tuple[int, int], cut: Sequence[tuple[int, int, int, int]], dea
     late: list[tuple[tuple[slice, slice], DeadlineError]] = []
     with contextlib.closing(deal.answers()) as answers:     # whoever keeps an error keeps the loop that it left
         for item, answer in answers:
-            if item == len(cut):
-                continue    # the look at the whole
             x, y, width, height = cut[item]
             tile = slice(y, y + height), slice(x, x + width)
             if isinstance(answer, DeadlineError):

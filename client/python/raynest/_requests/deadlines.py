@@ -6,7 +6,7 @@ from typing import Any, Mapping
 from .arguments import milliseconds
 
 SHARE_SECONDS = 0.2         # that an item has at least: less is lost in what it costs to deal it out
-SHARE_SECONDS_MIN = 0.01    # where there are more items than that allows
+SHARE_SECONDS_MIN = 0.01    # where there are more items than that allows, or it is late
 
 
 def deadline_of(options: Mapping[str, Any]) -> float:
