@@ -9,6 +9,8 @@ handshakes   p99 of a connected client beside 2,000 TLS handshakes in 10 s, over
              that uses as much CPU
 largest      p99 of a connected client beside a viewer who sends the largest requests in a loop, over its p99 beside
              a process that uses as much CPU
+crowd        p99 of a connected client beside 100 WebSockets of a viewer that send the texts which are dearest to
+             read, over its p99 beside a process that uses as much CPU
 line         1 M rays through 50 ms and 100 Mbit/s: bytes of rays per second over that rate
 idle         resident bytes of the daemon per idle TLS connection
 """
@@ -38,6 +40,7 @@ from connections_test import HELLO, read_frame  # noqa: E402
 from link import Link  # noqa: E402
 from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens  # noqa: E402
 from tls import children_cpu, daemon_cpu  # noqa: E402
+from turns import dearest_texts  # noqa: E402
 from websocket import WebSocket  # noqa: E402
 
 RAY = np.float32([[0, 500, 0, 0, -1, 0]])
@@ -109,6 +112,10 @@ class Bench:
         # The attacker's jobs have their memory; the client's answers need some, too.
         with self.daemon("--http", "127.0.0.1:0", "--memory", "12G", "--tokens", self.tokens.file) as daemon:
             return self.late(daemon, ask_for_most, daemon.http, self.viewer)
+
+    def crowd(self):
+        with self.daemon("--http", "127.0.0.1:0", "--tokens", self.tokens.file) as daemon:
+            return self.late(daemon, ask_from_many, daemon.http, self.viewer)
 
     def late(self, daemon, attacker, *arguments, seconds=10.0):
         """The p99 of a client beside an attacker, over that beside the same CPU."""
@@ -248,6 +255,22 @@ def ask_for_most(http, token, seconds):
                     open_ones.discard(request)
 
 
+def ask_from_many(http, token, seconds, count=100):
+    text = dict(dearest_texts())["numbers with exponents"]
+    with contextlib.ExitStack() as all_of_them:
+        peers = [all_of_them.enter_context(WebSocket(http, headers=["Authorization: Bearer " + token])) for _ in range(count)]
+        for peer in peers:
+            peer.say("Hello", 0, {"client": "attacker"})
+            peer.hear()
+        begun = time.monotonic()
+        while time.monotonic() - begun < seconds:
+            for peer in peers:
+                peer.send("Query 2 " + text)
+            for peer in peers:
+                while peer.hear()[0] != "Error":
+                    pass
+
+
 def burn_all(seconds, cpu_seconds):
     """Uses CPU evenly on every core, as much in all as the attacker and the daemon did."""
     cores = os.cpu_count()
@@ -268,7 +291,7 @@ def burn(seconds, cpu_seconds):
 
 
 def main():
-    parts = ("attackers", "handshakes", "largest", "line", "idle")
+    parts = ("attackers", "handshakes", "largest", "crowd", "line", "idle")
     made = argparse.ArgumentParser()
     made.add_argument("raynestd")
     made.add_argument("raynest")
