@@ -344,7 +344,8 @@ class Deal:
             return [(item, error)]
         if not where and isinstance(error, (AttributeError, TypeError, ImportError)):   # it could not even begin
             unable = f" cannot run it: {error}; install python3-raynest {VERSION} on all hosts"
-            if only:
+            if only:    # a request is dealt in several turns, of which one may not know who it was: it is told once
+                self._noted.add(f"{only} is left out" if f"a worker{unable}" in self._noted else f"a worker{unable}")
                 return self._leave_out(item, only, Unable(f"the worker {only}{unable}"))
             self._copies[item] -= not self._unable
             self._unable = f"a worker{unable}"
