@@ -453,7 +453,7 @@ TEST_CASE("to read the dearest text messages takes the io thread no more than a 
         values(list(1, std::string(60'000, '9') + "e-60000")),
         R"(Query 1 {"job":{"hidden_instances":)" + list(9'990, "12345") + "}}",
         R"(Query 1 {"fields":)" + list(2'000, R"("")") + '}',
-        R"(Query 1 {"job":{"tables":)" + list(4'000, "{}") + "}}",
+        R"(Query 1 {"job":{"tables":)" + list(protocol::Limits().control_tables_max, "{}") + "}}",
         R"(Info 1 {"scene":")" + std::string(65'000, '\\') + "\"}",
     };
     // The parser keeps the room that it took.
