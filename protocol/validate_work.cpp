@@ -225,6 +225,7 @@ Result<void> validate(const wire::Done& message, const Limits& limits) {
         .nested(message.heat(), check_heat)
         .name("worker", message.worker())
         .texts("notes", message.notes())
+        .text("note_of_all", message.note_of_all())
         .name("target", message.target())
         .result();
 }
