@@ -12,6 +12,7 @@
 #include <cerrno>
 #include <climits>
 #include <cstring>
+#include <mutex>
 #include <string_view>
 #include <system_error>
 #include <vector>
@@ -33,20 +34,30 @@ fs::path target_of(const Fd& link) {
 
 /// True if nobody but root and this process's user is in this group, and this process is.
 bool is_private(gid_t group) {
-    // NOLINTBEGIN(concurrency-mt-unsafe): at the start and on the io thread
-    const auto is_other = [](const passwd* user) {
+    // The list of users has one place in the process, and files are read on several threads.
+    static std::mutex reading;
+    const std::lock_guard lock(reading);
+    std::vector<char> text(1 << 16), names(1 << 16);
+    passwd entry{};
+    passwd* user = nullptr;
+    const auto is_other = [&] {
         return user == nullptr || (user->pw_uid != 0 && user->pw_uid != geteuid());
     };
     if (group != getegid() || is_everybodys(group)) return false;
-    if (const ::group* const entry = getgrgid(group); entry != nullptr)
-        for (char** name = entry->gr_mem; *name != nullptr; ++name)
-            if (is_other(getpwnam(*name))) return false;
+    ::group members{};
+    ::group* found = nullptr;
+    if (getgrgid_r(group, &members, names.data(), names.size(), &found) == ERANGE) return false;
+    for (char** name = found == nullptr ? nullptr : found->gr_mem; name && *name; ++name) {
+        (void)getpwnam_r(*name, &entry, text.data(), text.size(), &user);
+        if (is_other()) return false;
+    }
     bool is_shared = false;
     setpwent();
-    while (const passwd* const user = getpwent())
-        is_shared = is_shared || (user->pw_gid == group && is_other(user));
+    int ended = 0;
+    while ((ended = getpwent_r(&entry, text.data(), text.size(), &user)) == 0)
+        is_shared = is_shared || (user->pw_gid == group && is_other());
+    is_shared = is_shared || ended != ENOENT;  // a row that is too long may be of anybody
     endpwent();
-    // NOLINTEND(concurrency-mt-unsafe)
     return !is_shared;
 }
 
