@@ -47,9 +47,7 @@ public:
     [[nodiscard]] std::string_view name() const override { return "cuda"; }
     [[nodiscard]] std::string title() const override { return "the CUDA worker"; }
     [[nodiscard]] std::string target(const Plan& /*plan*/) const override { return "cuda"; }
-    [[nodiscard]] bool has_kernels(std::string_view intersector) override {
-        return supervisor_.has(intersector);
-    }
+    [[nodiscard]] std::vector<std::string> kernels() override { return supervisor_.kernels(); }
     [[nodiscard]] std::optional<Unavailable> unavailable_reason(const Plan& plan) override {
         if (plan.untraced) return Unavailable{"kind null traces nothing"};
         if (plan.selected) return Unavailable{"hidden instances are the CPU's"};

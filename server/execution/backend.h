@@ -51,8 +51,8 @@ public:
     [[nodiscard]] virtual std::string title() const = 0;
     /// Returns the target that the kernels for this plan are compiled for.
     [[nodiscard]] virtual std::string target(const Plan& plan) const = 0;
-    /// True if the backend has kernels of its own for this intersector; false for the CPU.
-    [[nodiscard]] virtual bool has_kernels(std::string_view /*intersector*/) { return false; }
+    /// Names the intersectors that it has kernels of its own for at one moment; none for the CPU.
+    [[nodiscard]] virtual std::vector<std::string> kernels() { return {}; }
 
     /// Returns nothing if the backend accepts the plan's chunks at this moment.
     [[nodiscard]] virtual std::optional<Unavailable> unavailable_reason(const Plan& plan) = 0;

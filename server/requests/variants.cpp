@@ -4,6 +4,10 @@
 #include "server/requests/request.h"
 
 #include <algorithm>
+#include <functional>
+#include <map>
+#include <string>
+#include <vector>
 
 namespace raynest::server {
 namespace {
@@ -47,8 +51,10 @@ struct Described {
     std::size_t text_bytes = 0;
 };
 
-Described describe(const Variant& variant, const Services& services) {
-    const protocol::Limits& limits = services.limits;
+/// The names of variants, by backend.
+using Kernels = std::map<std::string, std::vector<std::string>, std::less<>>;
+
+Described describe(const Variant& variant, const Kernels& kernels, const protocol::Limits& limits) {
     Described described;
     const auto name = [&](std::string_view text) {
         described.text_bytes += text.size() + 16;
@@ -63,8 +69,9 @@ Described describe(const Variant& variant, const Services& services) {
     to.text = prose(variant.text);
     to.target = name(variant.target);
     to.targets = variant.targets;
-    for (const auto& backend : services.backends)
-        if (backend->has_kernels(variant.name)) to.targets.emplace_back(backend->name());
+    for (const auto& [backend, names] : kernels)
+        if (std::find(names.begin(), names.end(), variant.name) != names.end())
+            to.targets.push_back(backend);
     to.queries = compiled_queries(*variant.code);
     std::vector<PackParam> params(variant.params().begin(), variant.params().end());
     params.insert(params.end(), common_params().begin(), common_params().end());
@@ -100,10 +107,13 @@ Reply<Answer> variants(const Services& services, const Caller& caller,
     wire::VariantListT list;
     list.first = static_cast<std::uint32_t>(first);
     list.total = static_cast<std::uint32_t>(all.size());
+    Kernels kernels;  // asked once: a worker may start or end between two variants
+    for (const auto& backend : services.backends)
+        kernels.emplace(backend->name(), backend->kernels());
     std::size_t tables = 0;
     std::size_t text_bytes = 0;
     for (std::size_t i = first; i < all.size(); ++i) {
-        Described described = describe(all[i], services);
+        Described described = describe(all[i], kernels, services.limits);
         tables += described.tables;
         text_bytes += described.text_bytes;
         const bool full = tables > page_tables || text_bytes > variants_text_bytes;

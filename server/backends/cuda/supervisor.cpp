@@ -230,9 +230,14 @@ Unavailable Supervisor::refusal_locked() const {
     return later(reason_, static_cast<std::uint32_t>(wait));
 }
 
-bool Supervisor::has(std::string_view variant) {
+std::vector<std::string> Supervisor::kernels() {
     const std::lock_guard lock(mutex_);
-    return state_ == State::up && find_kernel(process_->ready(), {variant}).has_value();
+    std::vector<std::string> names;
+    if (state_ != State::up) return names;
+    const Ready& ready = process_->ready();
+    for (std::uint32_t i = 0; i < ready.variant_count; ++i)
+        names.emplace_back(ready.variants[i].name.view());
+    return names;
 }
 
 std::optional<Unavailable> Supervisor::unavailable_reason(const Kernel& kernel,

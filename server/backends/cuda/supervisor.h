@@ -60,8 +60,8 @@ public:
     [[nodiscard]] std::optional<Unavailable> unavailable_reason(const Kernel& kernel,
                                                                 const Snapshot& scene);
 
-    /// True if the worker is up and has kernels of this variant.
-    [[nodiscard]] bool has(std::string_view variant);
+    /// Names the variants that the worker has kernels of; none while it is not up.
+    [[nodiscard]] std::vector<std::string> kernels();
 
     /// Fills in the hits and hit counts of `call`. Blocking, up to the time limits of a call and of
     /// an upload of the scene. `call` refers to `scene` and fits Options::shape. If `made` is not

@@ -257,6 +257,27 @@ TEST_CASE("where it is demanded, what it refuses is an error") {
     CHECK(unknown.message == "unknown worker 'tpu': use one of auto, cpu, cuda, scripted");
 }
 
+TEST_CASE("a list of variants tells what a backend has at one moment") {
+    Served served([](std::uint64_t) { return Does::answers; });
+    const protocol::Frame request = protocol::encode(1, wire::VariantsT{}).value();
+    const auto named = [&] {
+        std::vector<std::string> names;
+        auto answer = find_request(request.header.type)
+                          ->answer(served.daemon.services, {{"me", 1}, 1, Bench::window}, request);
+        REQUIRE(answer);
+        const Frames frames = std::get<Frames>(std::move(*answer));
+        const auto list = protocol::open<wire::VariantList>(frames.front());
+        REQUIRE(list);
+        for (const wire::Variant* variant : protocol::present((*list)->variants()))
+            if (std::ranges::count(protocol::strings(variant->targets()), "scripted") != 0)
+                names.emplace_back(protocol::text(variant->name()));
+        std::ranges::sort(names);
+        return names;
+    };
+    CHECK(named().empty());
+    CHECK(named() == std::vector<std::string>{"alpha_mask", "opaque"});
+}
+
 TEST_CASE("small requests that are traced together have the CPU's bytes") {
     std::atomic<std::uint64_t> calls{0};
     for (const Does does : {Does::answers, Does::refuses, Does::dies}) {

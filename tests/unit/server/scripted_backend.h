@@ -15,6 +15,7 @@
 #include <string>
 #include <thread>
 #include <utility>
+#include <vector>
 
 namespace raynest::server {
 
@@ -34,6 +35,11 @@ public:
     [[nodiscard]] std::string title() const override { return "the scripted worker"; }
     [[nodiscard]] std::string target(const Plan& plan) const override {
         return plan.variant->target;
+    }
+    /// It starts between the first question and the second.
+    [[nodiscard]] std::vector<std::string> kernels() override {
+        if (asked_++ == 0) return {};
+        return {"opaque", "alpha_mask"};
     }
     [[nodiscard]] std::optional<Unavailable> unavailable_reason(const Plan& /*plan*/) override {
         return dead_ ? std::optional(died()) : std::nullopt;
@@ -71,7 +77,7 @@ private:
 
     const std::uint64_t call_rays_;
     const std::function<Does(std::uint64_t)> script_;
-    std::atomic<std::uint64_t> calls_{0};
+    std::atomic<std::uint64_t> asked_{0}, calls_{0};
     std::atomic<bool> dead_{false};
     std::optional<FairThreadPool> pool_;
 };
