@@ -51,6 +51,7 @@ class Lists:
         self.intersectors = self.rows("engine/intersectors/intersectors.def", "INTERSECTOR")
         self.layers = self.rows("engine/integrators/layers.def", "LAYER")
         self.integrators = self.rows("engine/integrators/integrators.def", "INTEGRATOR")
+        self.numbers = self.rows("engine/integrators/integrator_settings.def", "INTEGRATOR_SETTING")
         self.tonemaps = self.rows("engine/integrators/tonemaps.def", "TONEMAP")
         self.palettes = self.rows("engine/integrators/palettes.def", "PALETTE")
         self.words = self.rows("client/ground/wording.def", "WORD")
@@ -158,6 +159,9 @@ TABLES = {
     "layers": layer_table,
     "integrators": lambda lists: table(("integrator", "settings", ""), [
         (f"`{name}`", code(settings), text) for name, _, _, text, *settings in lists.integrators]),
+    "integrator_settings": lambda lists: table(("setting", "from", "to", "0 stands for", ""), [
+        (f"`{name}`", least, most, otherwise, text)
+        for name, _, _, _, least, most, _, otherwise, text in lists.numbers]),
     "tonemaps": lambda lists: table(("tonemap", ""), [(f"`{name}`", text) for name, text in lists.tonemaps]),
     "kinds": lambda lists: table(("kind", "answer per ray"), [
         (f"`{name}`", text) for name, *_, text in lists.kinds + lists.untraced]),
@@ -223,7 +227,10 @@ def python_module(lists):
         "REDUCED_TO_POINTS": [row[0] for row in lists.reducers if row[2] == "points"],
         "GENERATORS": {name: settings.split(", ") for name, settings, _, _ in lists.generators},
         "ACTING": [row[1] for row in lists.requests if row[5] == "once"],
-        "WORDS": {name: (command, python) for name, command, python in lists.words},
+        "INTEGRATOR_SETTINGS": {row[0]: (int(row[5]) if is_whole(row) else None, setting_text(lists, row))
+                                for row in lists.numbers},
+        "WORDS": {**{name: (command, python) for name, command, python in lists.words},
+                  **{row[0]: (row[2], row[0] + "=") for row in lists.numbers}},
         "OTHER_FILES": {ending: text for endings, text in lists.other_files for ending in endings.split()},
     }
     types = {"ERRORS": "list[tuple[str, int]]", "OF_HITS": "dict[str, tuple[str, int]]",
@@ -231,10 +238,14 @@ def python_module(lists):
              "SHOWN": "dict[str, list[str]]", "REDUCED": "dict[str, dict[str, tuple[str, int]]]",
              "REDUCED_KIND": "dict[str, str]", "REDUCED_TO_POINTS": "list[str]",
              "GENERATORS": "dict[str, list[str]]", "ACTING": "list[str]",
+             "INTEGRATOR_SETTINGS": "dict[str, tuple[Optional[int], str]]",
              "WORDS": "dict[str, tuple[str, str]]", "OTHER_FILES": "dict[str, str]"}
     lines = ['"""Lists that client and daemon share. Written by .ci/lists.py from the .def files of the '
-             'tree."""', "from __future__ import annotations", "", "from typing import Literal", "",
-             f"Worker = Literal[{', '.join(repr(name) for name, _ in lists.workers)}]", ""]
+             'tree."""', "from __future__ import annotations", "", "from typing import Literal, Optional, TypedDict", "",
+             f"Worker = Literal[{', '.join(repr(name) for name, _ in lists.workers)}]", "", "",
+             "class IntegratorSettings(TypedDict, total=False):",
+             '    """Keyword arguments of pictures that an integrator makes. None and 0 mean the default."""', ""]
+    lines += [f"    {row[0]}: Optional[{'int' if is_whole(row) else 'float'}]" for row in lists.numbers] + ["", ""]
     for name, listed in values.items():
         opening, closing = "{}" if isinstance(listed, dict) else "[]"
         items = listed.items() if isinstance(listed, dict) else listed
@@ -242,6 +253,28 @@ def python_module(lists):
                   *(f"    {item[0]!r}: {item[1]!r}," if isinstance(listed, dict) else f"    {item!r},"
                     for item in items), closing, ""]
     return "\n".join(lines[:-1]) + "\n"
+
+
+def is_whole(number):
+    return number[1] != "float"
+
+
+def setting_text(lists, number):
+    """Describes a setting: its integrators, its text and its default."""
+    names = ", ".join(row[0] for row in lists.integrators if number[0] in row[4:])
+    return f"for {names}: {number[-1]} ({number[-2]})"
+
+
+def page_setting(lists, number):
+    """The key of a setting in the state of the page, and what the page knows of it."""
+    name, _, option, label, least, most, initial, otherwise, text = number
+    read = int if is_whole(number) else float
+    if read(initial) == 0:
+        least, number = 0, (*number[:-2], f"0: {otherwise}", text)
+    said = setting_text(lists, number)
+    return re.sub("_(.)", lambda match: match[1].upper(), name), {
+        "field": name, "option": option, "label": label, "least": read(least), "most": read(most), "initial": read(initial),
+        "whole": is_whole(number), "text": said[0].upper() + said[1:]}
 
 
 def page_module(lists):
@@ -252,6 +285,7 @@ def page_module(lists):
     integrators = {name: {"lit": lit == "true", "settings": settings} for name, _, lit, _, *settings in lists.integrators}
     values = {
         "INTEGRATORS": {"primary": {"lit": False, "settings": []}, **integrators},
+        "SETTINGS": dict(page_setting(lists, row) for row in lists.numbers),
         "MESSAGES": {name: number for number, name in messages},
         "COLUMNS": {name: [dtype, width] for name, dtype, width in columns},
         "COUNTERS": dict(lists.counters),

@@ -102,7 +102,7 @@ ALLOWED = {
     # Of the engine it knows lists (.def files), which hold rows and no code.
     "client/ground": ["protocol", "engine/queries/fields.def", "engine/geometry/counters.def", "engine/packs/words.def",
                       *("engine/integrators/" + name for name in
-                        ("integrators.def", "measures.def", "palettes.def", "tonemaps.def"))],
+                        ("integrators.def", "integrator_settings.def", "measures.def", "palettes.def", "tonemaps.def"))],
     "client/net": ["client/ground", "protocol"],
     "client/files": ["client/ground", "protocol", "engine/assets/images/exr_attributes.h"],
     "client/requests": ["client/net", "client/files", "client/ground", "protocol"],

@@ -322,7 +322,8 @@ class Lists(Planted):
              "protocol/lists/generators.def", "protocol/lists/reducers.def", "protocol/lists/roles.def", "protocol/lists/workers.def", "engine/queries/fields.def",
              "engine/geometry/counters.def", "engine/integrators/measures.def", "engine/packs/words.def",
              "engine/integrators/palettes.def", "engine/integrators/layers.def",
-             "engine/integrators/tonemaps.def", "engine/integrators/integrators.def", "server/ground/metrics.def",
+             "engine/integrators/tonemaps.def", "engine/integrators/integrators.def",
+             "engine/integrators/integrator_settings.def", "server/ground/metrics.def",
              "client/ground/wording.def", "client/requests/other_files.def", "engine/packs/targets.def", "engine/intersectors/intersectors.def",
              "engine/packs/TARGETS.md",
              "protocol/PROTOCOL.md",
@@ -412,6 +413,18 @@ class Integrators(unittest.TestCase):
                  if path.suffix in (".h", ".cpp", ".js") and path.name != "lists.js"
                  and re.search(rf'"({"|".join(names)})"', path.read_text(encoding="utf-8"))]
         self.assertEqual(named, [])
+
+
+    def test_only_the_list_and_the_integrator_name_a_setting(self):
+        rows = (HERE.parent / "engine/integrators/integrator_settings.def").read_text(encoding="utf-8")
+        # "depth" is a word of other things, too.
+        names = set(re.findall(r"^RAYNEST_INTEGRATOR_SETTING\((\w+)", rows, re.MULTILINE)) - {"depth"}
+        self.assertGreaterEqual(len(names), 1)
+        words = names | {name.replace("_", "-") for name in names} | {re.sub("_(.)", lambda m: m[1].upper(), name) for name in names}
+        named = sorted(path.name for folder in ("server", "client", "engine", "protocol") for path in (HERE.parent / folder).rglob("*")
+                       if path.suffix in (".h", ".cpp", ".js", ".py", ".def") and path.name not in ("lists.js", "_lists.py")
+                       and re.search(rf"\b({'|'.join(words)})\b", path.read_text(encoding="utf-8")))
+        self.assertEqual(named, ["ao.h", "integrator_settings.def", "integrators.def"])
 
 
 class ServerReadme(unittest.TestCase):

@@ -184,8 +184,12 @@ struct EvenLight {
 
 
 def add_integrator(tree):
+    """An integrator with a setting of its own."""
     tree.add_row("engine/integrators/integrators.def", "RAYNEST_INTEGRATOR(direct",
-                 ("direct, Direct", "lights and shadows"), ("twice, Twice", "two bounces"))
+                 ("direct, Direct", "lights and shadows", '"sun"'), ("twice, Twice", "two bounces", '"sun", "turns"'))
+    tree.add_row("engine/integrators/integrator_settings.def", "RAYNEST_INTEGRATOR_SETTING(depth",
+                 ("depth", "Bounces", '1024, 8, "8"', "most bounces of a path"), ("turns", "Turns", '4, 2, "2"', "how often a path turns"))
+    tree.edit("protocol/messages.fbs", r"^}\n\ntable Heatmap {", "  turns: uint;\n}\n\ntable Heatmap {")
     (tree.root / "engine/integrators/twice.h").write_text("""\
 #pragma once
 
@@ -196,7 +200,7 @@ namespace raynest {
 class Twice final : public Path {
 public:
     Twice(const IntegratorScene& scene, const IntegratorSettings& settings)
-        : Path(scene, settings, 2) {}
+        : Path(scene, settings, settings.turns) {}
 };
 
 }  // namespace raynest
@@ -391,6 +395,27 @@ class NewRows(Written):
         for option, idle in ((("--env", "sky"), False), (("--ao-distance", "2"), True)):
             said = subprocess.run([*map(str, shown), *option], capture_output=True, text=True)
             self.assertEqual((said.returncode, "no effect" in said.stderr), (0, idle), said.stderr)
+
+    def test_a_setting_of_an_integrator_reaches_it(self):
+        self.assertRegex(self.raynest("render", "--help"), r"--turns NUMBER in \[1, 4\]\s+for\s+twice:\s+how\s+often\s+a\s+path\s+turns\s+\(2\)")
+        lit = ("render", "woods", "--integrator", "twice", "--spp", "4", "--size", "16x16")
+        pictures = []
+        for words in ((), ("--turns", "2"), ("--turns", "4")):
+            self.raynest(*lit, *words, "-o", self.scratch / "turns.exr")
+            pictures.append((self.scratch / "turns.exr").read_bytes())
+        self.assertEqual(pictures[0], pictures[1])
+        self.assertNotEqual(pictures[0], pictures[2])
+        said = subprocess.run([self.bin / "raynest", "--server", self.server, *lit, "--turns", "5", "-o", self.scratch / "no.exr"],
+                              capture_output=True, text=True)
+        self.assertEqual(said.returncode, 2, said.stderr)
+        told = self.python("lit = dict(integrator='twice', spp=4, size=(16, 16))\n"
+                           "two, four = (woods.render(**lit, turns=turns)['rgba'] for turns in (None, 4))\n"
+                           "print((two != four).any())\n"
+                           "try: woods.render(**lit, turns=5)\n"
+                           "except raynest.UsageError as error: print(str(error))\n"
+                           "print('turns, for twice: how often a path turns (2)' in woods.render.__doc__)")
+        self.assertEqual(told.splitlines(), ["True", "turns of 5: it must be a whole number from 0 to 4", "True"])
+        self.assertIn('turns: {"field": "turns", "option": "--turns"', (self.tree.root / "server/web/lists.js").read_text())
 
     def test_a_tone_map_and_a_palette_draw(self):
         self.assertIn("half", self.raynest("render", "--help"))

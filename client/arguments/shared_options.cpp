@@ -285,15 +285,18 @@ void add_environment(CommandLine& line, std::string& environment) {
 }
 
 void add_light(CommandLine& line, LightOptions& light, const std::string& integrators) {
-    constexpr protocol::Limits limits;
     line.add_option("--integrator", light.integrator, integrators);
     line.add_whole("--seed", light.seed, std::uint64_t{0}, any_whole,
                    "seed of the random numbers (0)");
-    line.add_whole("--depth", light.depth, 1U, static_cast<std::uint32_t>(limits.bounces_max),
-                   for_integrators("depth") + "most bounces of a path (8)");
-    line.add_number("--ao-distance", light.ao_distance, 1e-9F, 1e15F, "a length from 1e-9 to 1e15",
-                    for_integrators("ao_distance") +
-                        "distance within which surfaces hide the sky (a tenth of the scene)");
+    each_setting(
+        [&line](const SettingWords& setting, auto& value) {
+            using Number = std::remove_reference_t<decltype(value)>;
+            line.add_number(std::string(setting.option), value, static_cast<Number>(setting.least),
+                            static_cast<Number>(setting.most), std::string(setting.range),
+                            for_integrators(setting.name) + std::string(setting.text) + " (" +
+                                std::string(setting.otherwise) + ")");
+        },
+        light);
     add_environment(line, light.environment);
     line.add_parsed(
             "--sun",

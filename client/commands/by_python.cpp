@@ -2,6 +2,7 @@
 
 #include "client/files/files.h"
 #include "client/ground/json.h"
+#include "client/ground/lists.h"
 #include "client/ground/numbers.h"
 #include "client/ground/python.h"
 #include "client/output/output_file.h"
@@ -197,8 +198,6 @@ Result<void> check_by_python(const RenderOptions& render) {
                                         {is_lit, "--integrator"},
                                         {render.samples != 0, "--spp"},
                                         {render.seed != 0, "--seed"},
-                                        {render.depth != 0, "--depth"},
-                                        {render.ao_distance != 0, "--ao-distance"},
                                         {!render.environment.empty(), "--env"},
                                         {render.environment_rotate != 0, "--env-rotate"},
                                         {render.sun.has_value(), "--sun"},
@@ -209,6 +208,13 @@ Result<void> check_by_python(const RenderOptions& render) {
                                         {render.job.detach, "--detach"},
                                         {render.part.count != 0, "--part"}})
         if (given) return fail(Exit::usage, std::string("--trajectory goes without ") + option);
+    std::string other;
+    each_setting(
+        [&](const SettingWords& setting, auto value) {
+            if (value != 0) other = setting.option;
+        },
+        render);
+    if (!other.empty()) return fail(Exit::usage, "--trajectory goes without " + other);
     const std::string ending = extension_of(render.output);
     if (is_stdout(render.output) || (ending != ".png" && ending != ".npy"))
         return fail(Exit::usage, "--trajectory needs -o FILE.png or FILE.npy");

@@ -109,8 +109,11 @@ void declare(CommandLine& line, ExplainOptions& explain) {
                    "number of the sample whose path is shown (0)");
     ray.excludes(line.find("--integrator"));
     all.excludes(line.find("--integrator"));
-    for (const char* other : {"--seed", "--depth", "--ao-distance", "--env", "--sun", "--sample"})
-        line.find(other).needs(line.find("--integrator"));
+    const auto needs_integrator = [&line](std::string_view option) {
+        line.find(std::string(option)).needs(line.find("--integrator"));
+    };
+    for (const char* other : {"--seed", "--env", "--sun", "--sample"}) needs_integrator(other);
+    each_setting([&](const SettingWords& setting) { needs_integrator(setting.option); });
     line.at_end([&explain] {
         return !explain.ray && !explain.pixel ? "--ray or --pixel is required" : "";
     });

@@ -3,9 +3,11 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <span>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <vector>
 
 namespace raynest::client {
@@ -50,6 +52,32 @@ inline constexpr std::array integrator_words = {
 [[nodiscard]] const IntegratorWords* find_integrator(std::string_view name);
 /// Returns "for a, b: " of the integrators that read a setting.
 [[nodiscard]] std::string for_integrators(std::string_view setting);
+
+/// The settings of integrators that are numbers; 0: the daemon's.
+struct SettingNumbers {
+#define RAYNEST_INTEGRATOR_SETTING(name, type, ...) type name = 0;
+#include "engine/integrators/integrator_settings.def"
+};
+/// The words of one of them.
+struct SettingWords {
+    std::string_view name;
+    std::string_view option;
+    std::string_view otherwise;  ///< what stands for 0
+    std::string_view text;
+    double least, most;      ///< of what is given
+    std::string_view range;  ///< "a whole number from LEAST to MOST"
+};
+/// Calls use(words, object.setting...) for each setting; the objects have members of their names.
+template <class Use, class... Objects>
+void each_setting(const Use& use, Objects&... objects) {
+#define RAYNEST_INTEGRATOR_SETTING(name, type, option, label, least, most, initial, otherwise,     \
+                                   text)                                                           \
+    use(SettingWords{#name, option, otherwise, text, least, most,                                  \
+                     std::is_floating_point_v<type> ? "a number from " #least " to " #most         \
+                                                    : "a whole number from " #least " to " #most}, \
+        objects.name...);
+#include "engine/integrators/integrator_settings.def"
+}
 
 inline constexpr std::array tonemap_words = {
 #define RAYNEST_TONEMAP(name, text) std::string_view(#name),

@@ -13,6 +13,8 @@ struct Word {
 constexpr std::array words = {
 #define RAYNEST_WORD(protocol, own, python) Word{#protocol, own},
 #include "client/ground/wording.def"
+#define RAYNEST_INTEGRATOR_SETTING(name, type, option, ...) Word{#name, option},
+#include "engine/integrators/integrator_settings.def"
 };
 
 }  // namespace

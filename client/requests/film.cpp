@@ -2,6 +2,7 @@
 
 #include "client/files/exr_header.h"
 #include "client/files/files.h"
+#include "client/ground/lists.h"
 #include "client/ground/numbers.h"
 #include "client/requests/send_file.h"
 
@@ -54,8 +55,8 @@ struct FilmFile {
     std::map<std::string, std::string> texts;
 
     /// The value of an attribute of ours; "" where there is none.
-    [[nodiscard]] std::string value(const std::string& name) const {
-        const auto found = texts.find("raynest:" + name);
+    [[nodiscard]] std::string value(std::string_view name) const {
+        const auto found = texts.find("raynest:" + std::string(name));
         return found == texts.end() ? "" : found->second;
     }
 };
@@ -72,13 +73,13 @@ Result<FilmFile> read_film_file(std::span<const std::byte> bytes, const std::str
 
 /// Reads a number of an EXR's header.
 template <class Number>
-Result<void> read_number(const FilmFile& film, const char* name, Number& value,
+Result<void> read_number(const FilmFile& film, std::string_view name, Number& value,
                          const std::string& file) {
     const std::string text = film.value(name);
     const char* const end = text.data() + text.size();
     const auto [last, error] = std::from_chars(text.data(), end, value);
     if (error == std::errc{} && last == end) return {};
-    return fail(Exit::invalid, file + " has no valid " + name + " in its header");
+    return fail(Exit::invalid, file + " has no valid " + std::string(name) + " in its header");
 }
 
 /// Reads the camera of an EXR's header: "first", "name NAME" or "lookat" and six or nine
@@ -124,8 +125,7 @@ std::string with_spaces(std::string text) {
 void set_light(const LightOptions& options, wire::RenderT& request) {
     request.integrator = options.integrator;
     request.seed = options.seed;
-    request.depth = options.depth;
-    request.ao_distance = options.ao_distance;
+    each_setting([](const SettingWords&, auto& to, auto from) { to = from; }, request, options);
     request.environment = options.environment;
     if (!options.sun) return;
     request.sun = true;
@@ -181,8 +181,11 @@ Result<wire::RenderT> resumed_film(const ResumeOptions& options, FilmFiles& file
     if (read) read = read_number(*film, "height", request.height, options.file);
     if (read) read = read_number(*film, "mask", request.job->mask, options.file);
     if (read) read = read_number(*film, "seed", request.seed, options.file);
-    if (read) read = read_number(*film, "depth", request.depth, options.file);
-    if (read) read = read_number(*film, "ao_distance", request.ao_distance, options.file);
+    each_setting(
+        [&](const SettingWords& setting, auto& value) {
+            if (read) read = read_number(*film, setting.name, value, options.file);
+        },
+        request);
     if (read) read = read_number(*film, "noise", request.noise, options.file);
     if (!read) return tl::unexpected<Failure>(read.error());
     if (const std::string sun = film->value("sun"); sun != "auto") {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "client/ground/failure.h"
+#include "client/ground/lists.h"
 #include "protocol/wire.h"
 
 #include <array>
@@ -78,11 +79,9 @@ struct PictureOptions {
     PartOption part;
 };
 /// How light is followed: options of render and explain.
-struct LightOptions {
+struct LightOptions : SettingNumbers {
     std::string integrator;
     std::uint64_t seed = 0;
-    std::uint32_t depth = 0;                  ///< 0: the daemon's
-    float ao_distance = 0;                    ///< 0: the daemon's
     std::string environment;                  ///< auto | sky | none | a file
     std::optional<std::array<float, 2>> sun;  ///< azimuth and elevation in degrees
 };

@@ -23,16 +23,21 @@ std::span<const IntegratorInfo> integrator_table() {
     return integrators;
 }
 
+std::string integrator_names() {
+    std::string names;
+    for (const IntegratorInfo& one : integrators)
+        names.append(names.empty() ? "" : ", ").append(one.name);
+    return names;
+}
+
 Result<std::unique_ptr<const Integrator>> make_from_list(std::string_view name,
                                                          const IntegratorScene& scene,
                                                          const IntegratorSettings& settings) {
 #define RAYNEST_INTEGRATOR(id, Type, ...) \
     if (name == #id) return std::make_unique<const Type>(scene, settings);
 #include "engine/integrators/integrators.def"
-    std::string known;
-    for (const IntegratorInfo& one : integrators) known.append(" ").append(one.name);
     return fail(ErrorCode::param_invalid,
-                "unknown integrator '" + std::string(name) + "': use one of" + known);
+                "unknown integrator '" + std::string(name) + "': use one of " + integrator_names());
 }
 
 bool Integrator::add(const SampleRange& range, RayCaster& caster, Wavefront& arrays,

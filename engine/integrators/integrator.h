@@ -41,8 +41,9 @@ struct EnvironmentPicture {
 };
 
 struct IntegratorSettings {
-    std::uint32_t depth = 8;  ///< bounces, at most
-    float ao_distance = 0;    ///< as far as occluders count; 0: a tenth of the scene's diagonal
+#define RAYNEST_INTEGRATOR_SETTING(name, type, option, label, least, most, initial, ...) \
+    type name = initial;
+#include "engine/integrators/integrator_settings.def"
     enum class Environment : std::uint8_t {
         automatic,  ///< sky, unless the scene has lights of KHR_lights_punctual
         sky,
@@ -139,6 +140,8 @@ struct IntegratorInfo {
     std::array<std::string_view, 8> settings;  ///< that it reads, of Render; "" behind the last
 };
 [[nodiscard]] std::span<const IntegratorInfo> integrator_table();
+/// Their names: "ao, direct, path".
+[[nodiscard]] std::string integrator_names();
 
 /// Makes the samples of a range and adds them to a film of the window's size. False where the
 /// caster had no answers: then the film is as before.

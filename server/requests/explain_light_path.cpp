@@ -106,9 +106,10 @@ Reply<Pixel> read_pixel(std::string_view text) {
 Reply<Answer> explain_path(const Services& services, const Caller& caller, RenderWords words) {
     const auto [width, height] = words.pixels.whole;
     if (words.integrator == "primary")
-        return refuse(Code::invalid_field,
-                      "primary has one ray and no path: Explain tells its traversal; or use one of "
-                      "ao, direct, path");
+        return refuse(
+            Code::invalid_field,
+            "primary has one ray and no path: Explain tells its traversal; or use one of " +
+                integrator_names());
     if (words.environment_bytes != 0 || words.resume_bytes != 0)
         return refuse(Code::unsupported,
                       "a path is explained without files: use environment auto, sky or none");

@@ -3,6 +3,7 @@ import { add, generator, halfHeight } from "./camera.js";
 import { rangeOf } from "./histogram.js";
 import { compares } from "./requests.js";
 import { reads, sunOf } from "./light.js";
+import { SETTINGS } from "./lists.js";
 import { DEFAULTS } from "./store.js";
 import { viewOf } from "./views.js";
 
@@ -43,8 +44,8 @@ function lightOptions(state) {
   if (state.integrator === "primary") return all;
   all.push(["--spp", "spp", state.samples]);
   if (state.seed !== DEFAULTS.seed) all.push(["--seed", "seed", state.seed]);
-  if (reads(state.integrator, "depth") && state.depth !== DEFAULTS.depth) all.push(["--depth", "depth", state.depth]);
-  if (reads(state.integrator, "ao_distance") && state.aoDistance !== 0) all.push(["--ao-distance", "ao_distance", state.aoDistance]);
+  for (const [key, { field, option, initial }] of Object.entries(SETTINGS))
+    if (reads(state.integrator, field) && state[key] !== initial) all.push([option, field, state[key]]);
   if (reads(state.integrator, "environment") && state.env !== DEFAULTS.env) all.push(["--env", "environment", state.env]);
   if (reads(state.integrator, "sun") && sunOf(state.sun) && state.env !== "none") all.push(["--sun", "sun", sunOf(state.sun)]);
   if (state.tonemap !== "") all.push(["--tonemap", "tonemap", state.tonemap]);

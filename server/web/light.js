@@ -1,7 +1,7 @@
 // The settings of the lit view: how light is followed, and how it is shown. The first go into the request, the
 // others only into the shader.
 import { element, field, fillSelect } from "./dom.js";
-import { INTEGRATORS } from "./lists.js";
+import { INTEGRATORS, SETTINGS } from "./lists.js";
 import { TONEMAP_NAMES, lookOf } from "./tonemap.js";
 
 export const ENVIRONMENTS = [["auto", "sky, unless the file has lights"], ["sky", "sky"], ["none", "none"]];
@@ -20,9 +20,10 @@ export const followsLight = ({ view, integrator }) => view === "lit" && integrat
 export const reads = (integrator, setting) => INTEGRATORS[integrator].settings.includes(setting);
 
 /** Returns the fields of a Render that choose its paths. */
-export function lightOf({ integrator, seed, depth, aoDistance, env, sun }) {
-  const angles = sunOf(sun);
-  return { integrator, seed, depth, ao_distance: aoDistance, environment: env,
+export function lightOf(state) {
+  const { integrator, seed, env, sun } = state, angles = sunOf(sun);
+  const settings = Object.entries(SETTINGS).map(([key, { field }]) => [field, state[key]]);
+  return { integrator, seed, ...Object.fromEntries(settings), environment: env,
            ...(angles && env !== "none" ? { sun: true, sun_azimuth: angles[0], sun_elevation: angles[1] } : {}) };
 }
 
@@ -49,14 +50,13 @@ export function lightSection(store) {
     sun.disabled = state.env === "none";
     sun.value = sun.disabled ? "" : state.sun;
   }, true);
-  const depth = field("Bounces", number(store, "depth", { id: "bounces", min: 1, max: 1024, step: 1 }), "Of path: at most so many");
-  const distance = field("Distance", number(store, "aoDistance", { id: "ao-distance", min: 0, step: "any" }), "Of ao: as far as things hide the sky; 0: a tenth of the scene");
+  const settings = Object.entries(SETTINGS).map(([key, { field: name, option, label, least, most, whole, text }]) => ({ name,
+    shown: field(label, number(store, key, { id: option.slice(2), min: least, max: most, step: whole ? 1 : "any" }), text) }));
   const section = element("section", { ariaLabel: "Light" }, element("h2", {}, "Light"), field("Surroundings", env), field("Sun", sun, "Degrees from the north (-Z) eastwards, degrees above the horizon"),
-    depth, distance, field("Seed", number(store, "seed", { id: "seed", min: 0, max: Number.MAX_SAFE_INTEGER, step: 1 })));
+    ...settings.map(({ shown }) => shown), field("Seed", number(store, "seed", { id: "seed", min: 0, max: Number.MAX_SAFE_INTEGER, step: 1 })));
   store.on(["view", "integrator"], ({ view, integrator }) => {
     section.hidden = !followsLight({ view, integrator });
-    depth.hidden = !reads(integrator, "depth");
-    distance.hidden = !reads(integrator, "ao_distance");
+    for (const { name, shown } of settings) shown.hidden = !reads(integrator, name);
   }, true);
   return section;
 }

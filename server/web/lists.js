@@ -7,6 +7,11 @@ export const INTEGRATORS = {
   path: {"lit": true, "settings": ["depth", "environment", "environment_rotate", "sun"]},
 };
 
+export const SETTINGS = {
+  depth: {"field": "depth", "option": "--depth", "label": "Bounces", "least": 1, "most": 1024, "initial": 8, "whole": true, "text": "For path: most bounces of a path (8)"},
+  aoDistance: {"field": "ao_distance", "option": "--ao-distance", "label": "Distance", "least": 0.0, "most": 1000000000000000.0, "initial": 0.0, "whole": false, "text": "For ao: distance within which surfaces hide the sky (0: a tenth of the scene)"},
+};
+
 export const MESSAGES = {
   Hello: 1,
   Ping: 2,

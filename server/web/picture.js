@@ -4,6 +4,7 @@
 import { Image } from "./image.js";
 import { pictureRequests } from "./requests.js";
 import { lightOf } from "./light.js";
+import { SETTINGS } from "./lists.js";
 import { traceHeat, traceLit, traceQuery, traceRender } from "./tracer.js";
 import { viewOf } from "./views.js";
 import { DEFAULTS, RAY_KEYS, TIME_KEYS } from "./store.js";
@@ -36,7 +37,7 @@ export class Picture extends EventTarget {
     const others = RAY_KEYS.filter((key) => !TIME_KEYS.includes(key));
     store.on(["camera", ...TIME_KEYS], () => this.moved());
     store.on(["scene", "view", "level", "compare", "kind", ...others], () => this.restart());
-    store.on(["integrator", "samples", "seed", "depth", "aoDistance", "env", "sun"], ({ view }) => { if (viewOf(view).lit) this.restart(); });
+    store.on(["integrator", "samples", "seed", ...Object.keys(SETTINGS), "env", "sun"], ({ view }) => { if (viewOf(view).lit) this.restart(); });
   }
 
   /** True while a picture is traced and what it shows is not yet its own, in all pixels. */

@@ -1,6 +1,10 @@
 // The state of the page, as one object of plain values. set() names only the values that become different;
 // listeners of a part are called when that part has changed.
 
+import { SETTINGS } from "./lists.js";
+
+const initialSettings = Object.fromEntries(Object.entries(SETTINGS).map(([key, { initial }]) => [key, initial]));
+
 export const DEFAULTS = {
   scene: "", camera: null, cameraName: "",
   view: "total", level: "", compare: "",
@@ -10,7 +14,7 @@ export const DEFAULTS = {
   // Seconds within an animation of the scene, by its number; no time: the scene as it is.
   time: "", animation: 0,
   // The lit view. Empty texts stand for what the daemon does by itself.
-  integrator: "path", samples: 64, seed: 0, depth: 8, aoDistance: 0, env: "auto", sun: "", exposure: "", tonemap: "", sample: 0,
+  integrator: "path", samples: 64, seed: 0, ...initialSettings, env: "auto", sun: "", exposure: "", tonemap: "", sample: 0,
 };
 
 /** The moment that is shown. */

@@ -3,7 +3,7 @@
 import { DEFAULTS } from "./store.js";
 import { rounded } from "./camera.js";
 import { ENVIRONMENTS, sunOf } from "./light.js";
-import { INTEGRATORS, PALETTES } from "./lists.js";
+import { INTEGRATORS, PALETTES, SETTINGS } from "./lists.js";
 import { TONEMAP_NAMES } from "./tonemap.js";
 import { VIEWS } from "./views.js";
 
@@ -26,7 +26,8 @@ const TEXTS = {
   tonemap: among(...TONEMAP_NAMES), exposure: (text) => text === "auto" || (numbers(text, 1) !== null && Math.abs(Number(text)) <= 64),
 };
 /** Whole numbers and lengths of a link: least, most, whether it must be whole. */
-const NUMBERS = { samples: [1, 65536, true], seed: [0, Number.MAX_SAFE_INTEGER, true], depth: [1, 1024, true], sample: [0, 65535, true], aoDistance: [0, 1e15, false],
+const NUMBERS = { samples: [1, 65536, true], seed: [0, Number.MAX_SAFE_INTEGER, true], sample: [0, 65535, true],
+                  ...Object.fromEntries(Object.entries(SETTINGS).map(([key, { least, most, whole }]) => [key, [least, most, whole]])),
                   time: [0, 1e6, false], animation: [0, 4095, true] };
 
 export function toFragment(state) {

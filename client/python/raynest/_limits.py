@@ -29,7 +29,6 @@ upload_bytes_max = 4294967296
 picture_side_max = 16384
 picture_pixels_max = 67108864
 samples_max = 65536
-bounces_max = 1024
 explain_steps_max = 16384
 blame_rows_max = 1048576
 structure_rows_max = 16384

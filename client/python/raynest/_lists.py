@@ -1,9 +1,17 @@
 """Lists that client and daemon share. Written by .ci/lists.py from the .def files of the tree."""
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Optional, TypedDict
 
 Worker = Literal['auto', 'cuda', 'cpu']
+
+
+class IntegratorSettings(TypedDict, total=False):
+    """Keyword arguments of pictures that an integrator makes. None and 0 mean the default."""
+
+    depth: Optional[int]
+    ao_distance: Optional[float]
+
 
 ERRORS: list[tuple[str, int]] = [
     ('BAD_FRAME', 1),
@@ -127,6 +135,11 @@ ACTING: list[str] = [
     'Admin',
 ]
 
+INTEGRATOR_SETTINGS: dict[str, tuple[Optional[int], str]] = {
+    'depth': (1024, 'for path: most bounces of a path (8)'),
+    'ao_distance': (None, 'for ao: distance within which surfaces hide the sky (a tenth of the scene)'),
+}
+
 WORDS: dict[str, tuple[str, str]] = {
     'CancelJob': ('raynest cancel', 'Job.cancel()'),
     'Edit': ('raynest edit', 'Scene.edit()'),
@@ -141,11 +154,9 @@ WORDS: dict[str, tuple[str, str]] = {
     'Variants': ('raynest variants', 'Client.variants()'),
     'Wait': ('raynest wait', 'Job.wait()'),
     'animation': ('--animation', 'animation='),
-    'ao_distance': ('--ao-distance', 'ao_distance='),
     'camera': ('--camera', 'camera='),
     'count': ('--count', 'count='),
     'deadline_ms': ('--deadline', 'deadline='),
-    'depth': ('--depth', 'depth='),
     'detach': ('--detach', 'detach='),
     'environment': ('--env', 'environment='),
     'environment_rotate': ('--env-rotate', 'environment_rotate='),
@@ -180,6 +191,8 @@ WORDS: dict[str, tuple[str, str]] = {
     'up': ('--up', 'up='),
     'variant': ('--variant', 'variant='),
     'worker': ('--worker', 'worker='),
+    'depth': ('--depth', 'depth='),
+    'ao_distance': ('--ao-distance', 'ao_distance='),
 }
 
 OTHER_FILES: dict[str, str] = {

@@ -8,8 +8,8 @@ from ._export import Exports
 from ._net.control import Message
 from ._net.frame import Array
 from ._requests.arguments import Unpack, none_is_default
-from ._requests.film import (Environment, EnvironmentFile, Layers, film_message, is_lit, layers_of,
-                             warn_if_incomplete, warn_of_options)
+from ._requests.film import (Environment, EnvironmentFile, Layers, FilmOptions, film_message, is_lit,
+                             layers_of, split_options, tells_settings, warn_if_incomplete, warn_of_options)
 from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message
 from ._requests.picture import Payload, camera_message, size_message, tile_message
 from ._session import Session
@@ -32,17 +32,18 @@ class Renders(Exports):
         _look_up: Callable[[JobOptions], None]
         _warn_of_eye: Callable[[Optional[Sequence[Any]]], None]
 
+    @tells_settings
     @none_is_default
     def render(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
                fov: float = 0.0, size: tuple[int, int] = (960, 540), integrator: str = "primary",
                spp: int = 0, seed: int = 0, encode: str = "", progress: Progress = None,
                detach: bool = False, samples: Optional[int] = None,
-               depth: int = 0, ao_distance: float = 0.0, environment: Environment = "",
+               environment: Environment = "",
                environment_rotate: float = 0.0,
                sun: Optional[Sequence[float]] = None, noise: float = 0.0, tonemap: str = "",
                exposure: Union[str, float] = "", tile: Optional[Sequence[int]] = None,
                trajectory: Any = None, begin: float = 0.0, readout: float = 0.0,
-               step_error: Optional[float] = None, **job: Unpack[JobOptions]) -> Any:
+               step_error: Optional[float] = None, **options: Unpack[FilmOptions]) -> Any:
         """Renders a picture. `integrator` "primary" gives base colours, darker where a surface turns away,
         as an Image: (height, width, 4) of u8, sRGB and alpha, row 0 on top, with png(). "ao", "direct" and
         "path" give a lit picture as Layers, a dict of arrays with linear rgba. `encode` "raw" gives an
@@ -68,10 +69,11 @@ class Renders(Exports):
         than that from where it should be. The integrator is "primary", the answer an Image or png, and `fov` by
         default 40.
         """
+        settings, job = split_options(options)
         if trajectory is not None:
             others = {"camera": camera != "", "look_at": look_at is not None, "integrator": integrator != "primary",
-                      "spp": spp, "samples": samples, "seed": seed, "detach": detach, "depth": depth,
-                      "ao_distance": ao_distance, "environment": environment != "", "sun": sun is not None,
+                      "spp": spp, "samples": samples, "seed": seed, "detach": detach, **settings,
+                      "environment": environment != "", "sun": sun is not None,
                       "environment_rotate": environment_rotate, "noise": noise, "tonemap": tonemap,
                       "exposure": exposure != "", "tile": tile is not None}
 
@@ -86,9 +88,8 @@ class Renders(Exports):
             raise UsageError("spp and samples are two names for the samples per pixel: pass one of them")
         film = _Film(self, camera, look_at, fov, size, encode, detach, job, {
             "integrator": integrator, "spp": spp if samples is None else samples, "seed": seed,
-            "depth": depth, "ao_distance": ao_distance, "environment": environment,
-            "environment_rotate": environment_rotate, "sun": sun, "noise": noise, "tonemap": tonemap,
-            "exposure": exposure}, tile)
+            "environment": environment, "environment_rotate": environment_rotate, "sun": sun, "noise": noise,
+            "tonemap": tonemap, "exposure": exposure, **settings}, tile)
         if detach:
             self._look_up(job)
         answer = self._at(None, lambda origin, _: film.ask(origin, progress), repeats=not detach)
@@ -103,20 +104,19 @@ class Renders(Exports):
     def render_stream(self, *, camera: Union[str, int] = "",
                       look_at: Optional[Sequence[Any]] = None, fov: float = 0.0,
                       size: tuple[int, int] = (960, 540), integrator: str = "path", spp: int = 0,
-                      seed: int = 0, encode: str = "", progress: Progress = None, depth: int = 0,
-                      ao_distance: float = 0.0, environment: Environment = "",
+                      seed: int = 0, encode: str = "", progress: Progress = None, environment: Environment = "",
                       environment_rotate: float = 0.0,
                       sun: Optional[Sequence[float]] = None, noise: float = 0.0,
                       tonemap: str = "", exposure: Union[str, float] = "",
-                      **job: Unpack[JobOptions]) -> Iterator[Any]:
+                      **options: Unpack[FilmOptions]) -> Iterator[Any]:
         """Yields a lit picture again and again while it is refined: with 1, 2, 4, ... and at last `spp`
         samples per pixel. Arguments and pictures are those of render(). Until the loop ends, the
         connection takes no other request; leaving the loop cancels the job."""
+        settings, job = split_options(options)
         film = _Film(self, camera, look_at, fov, size, encode, False, job, {
-            "integrator": integrator, "spp": spp, "seed": seed, "depth": depth,
-            "ao_distance": ao_distance, "environment": environment,
+            "integrator": integrator, "spp": spp, "seed": seed, "environment": environment,
             "environment_rotate": environment_rotate, "sun": sun, "noise": noise, "tonemap": tonemap,
-            "exposure": exposure})
+            "exposure": exposure, **settings})
         if not is_lit(integrator):
             raise UsageError("primary has one sample per pixel, which nothing refines: use render()")
         yield from self._at(None, lambda origin, _: film.stream(origin, progress))

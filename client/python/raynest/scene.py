@@ -16,7 +16,7 @@ from ._render import Renders
 from ._requests.arguments import Unpack, has_shape, is_several, none_is_default, numbers, real, whole
 from ._requests.columns import Columns, Whole, anywhere, as_usual
 from ._requests.explain import check_explain, path_message, pixel_message, ray_message, receive_document
-from ._requests.film import warn_of_options
+from ._requests.film import FilmOptions, split_options, tells_settings, warn_of_options
 from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message, other_message
 from ._requests.picture import Payload, camera_message, size_message, tile_message
 from ._requests.precision import Rounding, rounded_rays
@@ -399,20 +399,20 @@ class Scene(Renders, Editable):
                 warn_of_options(self._client.outcome)
         return answer
 
+    @tells_settings
     @none_is_default
     def explain(self, ray: Any = None, *, pixel: Optional[Sequence[int]] = None,
                 camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
                 fov: float = 0.0, size: tuple[int, int] = (960, 540), steps: int = 0,
-                integrator: str = "", sample: int = 0, seed: int = 0, depth: int = 0,
-                ao_distance: float = 0.0, environment: str = "",
-                sun: Optional[Sequence[float]] = None, progress: Progress = None,
-                **job: Unpack[JobOptions]) -> dict[str, Any]:
+                integrator: str = "", sample: int = 0, seed: int = 0,
+                environment: str = "", sun: Optional[Sequence[float]] = None, progress: Progress = None,
+                **more: Unpack[FilmOptions]) -> dict[str, Any]:
         """Returns how one ray finds its hit, step by step: the document of client/EXPLAIN.md. `ray` is
         [ox oy oz dx dy dz] or [ox oy oz tmin dx dy dz tmax]; or `pixel` is (x, y) of the picture that
         render() makes with these arguments. The document has at most `steps` steps, 256 by default.
         With the `integrator` "ao", "direct" or "path" it has the rays of one `sample` of the pixel."""
-        light: dict[str, Any] = {"sample": sample, "seed": seed, "environment": environment, "depth": depth,
-                                 "ao_distance": ao_distance, "sun": sun}
+        settings, job = split_options(more)
+        light: dict[str, Any] = {"sample": sample, "seed": seed, "environment": environment, "sun": sun, **settings}
         check_explain(ray, pixel, integrator, {"camera": camera, "look_at": look_at, "fov": fov}, light, steps)
         options = job_message(self.name, job)
         fields: Message = {**size_message(size), "job": options}

@@ -26,8 +26,13 @@ Reply<IntegratorSettings> integrator_settings(const RenderWords& words) {
          {"none", Environment::none},
          {"picture", Environment::picture}}};
     IntegratorSettings settings;
-    if (words.depth != 0) settings.depth = words.depth;
-    settings.ao_distance = words.ao_distance;
+#define RAYNEST_INTEGRATOR_SETTING(name, type, option, label, least, most, ...)                \
+    if (words.name != 0 &&                                                                     \
+        !(words.name >= static_cast<type>(least) && words.name <= static_cast<type>(most)))    \
+        return refuse(Code::invalid_field, "`" #name "` is " + number_text(words.name) +       \
+                                               ": it must lie between " #least " and " #most); \
+    if (words.name != 0) settings.name = words.name;
+#include "engine/integrators/integrator_settings.def"
     const std::string_view word = words.environment;
     const auto* const chosen =
         std::ranges::find(environments, word, &std::pair<std::string_view, Environment>::first);
@@ -109,8 +114,8 @@ std::vector<Attribute> request_attributes(const RenderWords& words, const FilmOp
         {"raynest:height", number_text(words.pixels.whole.height)},
         {"raynest:spp", number_text(options.samples)},
         {"raynest:seed", number_text(options.seed)},
-        {"raynest:depth", number_text(settings.depth)},
-        {"raynest:ao_distance", number_text(settings.ao_distance)},
+#define RAYNEST_INTEGRATOR_SETTING(name, ...) {"raynest:" #name, number_text(settings.name)},
+#include "engine/integrators/integrator_settings.def"
         {"raynest:environment", std::string(words.environment)},
         {"raynest:sun", settings.sun ? number_text(settings.sun_azimuth) + "," +
                                            number_text(settings.sun_elevation)
@@ -130,12 +135,9 @@ std::vector<Attribute> request_attributes(const RenderWords& words, const FilmOp
 Reply<FilmOptions> film_options(const RenderWords& words) {
     const auto table = integrator_table();
     const auto info = std::ranges::find(table, words.integrator, &IntegratorInfo::name);
-    if (info == table.end()) {
-        std::string known = "primary";
-        for (const IntegratorInfo& one : table) known.append(", ").append(one.name);
+    if (info == table.end())
         return refuse(Code::invalid_field, "unknown integrator '" + std::string(words.integrator) +
-                                               "': use one of " + known);
-    }
+                                               "': use one of primary, " + integrator_names());
     FilmOptions options;
     auto settings = integrator_settings(words);
     if (!settings) return tl::unexpected(settings.error());

@@ -19,8 +19,9 @@ struct Option {
 constexpr std::array options = {
     Option{"samples", [](const RenderWords& w) { return w.samples > 1; }, true},
     Option{"seed", [](const RenderWords& w) { return w.seed != 0; }, true},
-    Option{"depth", [](const RenderWords& w) { return w.depth != 0; }},
-    Option{"ao_distance", [](const RenderWords& w) { return w.ao_distance != 0; }},
+#define RAYNEST_INTEGRATOR_SETTING(name, ...) \
+    Option{#name, [](const RenderWords& w) { return w.name != 0; }},
+#include "engine/integrators/integrator_settings.def"
     Option{"environment", [](const RenderWords& w) { return w.environment != "auto"; }},
     Option{"environment_rotate", [](const RenderWords& w) { return w.environment_rotate != 0; }},
     Option{"sun", [](const RenderWords& w) { return w.sun; }},

@@ -14,8 +14,8 @@ RenderWords render_words(const wire::Render& message) {
     words.samples = message.samples();
     words.seed = message.seed();
     words.encode = protocol::word(message.encode(), "png");
-    words.depth = message.depth();
-    words.ao_distance = message.ao_distance();
+#define RAYNEST_INTEGRATOR_SETTING(name, ...) words.name = message.name();
+#include "engine/integrators/integrator_settings.def"
     words.environment = protocol::word(message.environment(), "auto");
     words.sun = message.sun();
     words.sun_azimuth = message.sun_azimuth();

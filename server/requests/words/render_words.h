@@ -20,8 +20,8 @@ struct RenderWords {
     std::uint32_t samples = 1;
     std::uint64_t seed = 0;
     std::string_view encode;  ///< png where it is not given
-    std::uint32_t depth = 0;
-    float ao_distance = 0;
+#define RAYNEST_INTEGRATOR_SETTING(name, type, ...) type name = 0;
+#include "engine/integrators/integrator_settings.def"
     std::string_view environment;  ///< auto where it is not given
     bool sun = false;              ///< the two angles count
     float sun_azimuth = 0;

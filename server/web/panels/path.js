@@ -4,6 +4,7 @@ import { add, cameraTable, length, scale, sub, unit } from "../camera.js";
 import { askDocument, latest } from "../documents.js";
 import { element } from "../dom.js";
 import { lightOf } from "../light.js";
+import { SETTINGS } from "../lists.js";
 import { jobOf } from "../requests.js";
 import { viewOf } from "../views.js";
 import { RAY_KEYS } from "../store.js";
@@ -92,7 +93,7 @@ export function lightPath(app, place) {
   }
   store.on(["sample"], () => { if (asked) ask(); });
   store.on(["camera"], () => { earlier.hidden = !asked || JSON.stringify(asked.camera) === JSON.stringify(cameraTable(store.values.camera)); });
-  store.on([...RAY_KEYS, "seed", "depth", "aoDistance", "env", "sun"], again);
+  store.on([...RAY_KEYS, "seed", ...Object.keys(SETTINGS), "env", "sun"], again);
   let version = model.version;
   model.addEventListener("change", () => {
     if (version !== model.version && model.info) again();

@@ -1,19 +1,21 @@
 """Lit pictures: the fields of their requests, and their layers as arrays."""
 from __future__ import annotations
 
+import inspect
 import os
-from typing import Any, Optional, Union
+from typing import Any, Callable, Optional, TypeVar, Union, cast
 
 import numpy as np
 
 from .. import _limits
+from .._lists import INTEGRATOR_SETTINGS, IntegratorSettings
 from .._net.control import Message
 from .._net.frame import Array
 from ..errors import InvalidError, RayWarning, UsageError, warn
 from .arguments import count_of, has_shape, numbers, real, whole
 from .exr import read_exr
 from .files import path_text, read_file
-from .job import Outcome
+from .job import JobOptions, Outcome
 from .upload import FileSender
 
 ENVIRONMENT_BYTES_MAX = 512 << 20
@@ -29,6 +31,26 @@ GROUPS = {"rgba": ("R", "G", "B", "A"), "albedo": ("albedo.R", "albedo.G", "albe
 UNSAMPLED: dict[str, Any] = {"Z": np.float32(1e10), **dict.fromkeys(("instance", "mesh", "material"), np.uint32(0xFFFFFFFF))}
 
 Environment = Union[str, bytes, os.PathLike[str]]
+Call = TypeVar("Call", bound=Callable[..., Any])
+
+
+class FilmOptions(JobOptions, IntegratorSettings, total=False):
+    """Keyword arguments of render() and explain()."""
+
+
+def tells_settings(function: Call) -> Call:
+    """Writes the settings of integrators behind the help of a function."""
+    settings = [f"{name}, {text}" for name, (_, text) in INTEGRATOR_SETTINGS.items()]
+    help_of_all = inspect.cleandoc(function.__doc__ or "")
+    function.__doc__ = "\n".join([help_of_all, "", "Settings of integrators:", *settings])
+    return function
+
+
+def split_options(options: FilmOptions) -> tuple[dict[str, Any], JobOptions]:
+    """Returns the settings of the integrator, 0 where they are not given, and the other options."""
+    job: dict[str, Any] = {**options}
+    given = {name: job.pop(name, None) for name in INTEGRATOR_SETTINGS}
+    return {name: 0 if value is None else value for name, value in given.items()}, cast(JobOptions, job)
 
 
 class Layers(dict[str, Array]):
@@ -68,8 +90,9 @@ def film_message(integrator: str, spp: int, seed: int, fields: dict[str, Any]) -
         if given:
             raise UsageError(f"{', '.join(given)}: only of a lit picture; pass integrator='path'")
         return message
-    message["depth"] = whole("depth", fields["depth"], _limits.bounces_max, 0)
-    for name in ("ao_distance", "noise", "environment_rotate"):
+    for name, (most, _) in INTEGRATOR_SETTINGS.items():
+        message[name] = real(name, fields[name]) if most is None else whole(name, fields[name], most, 0)
+    for name in ("noise", "environment_rotate"):
         message[name] = real(name, fields[name])
     message["tonemap"] = fields["tonemap"]
     exposure = fields["exposure"]

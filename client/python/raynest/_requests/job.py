@@ -8,7 +8,7 @@ from typing import Any, Callable, Mapping, Optional, TypedDict, Union
 import numpy as np
 
 from .. import _limits
-from .._lists import Worker
+from .._lists import INTEGRATOR_SETTINGS, Worker
 from .._net.control import Message
 from .._net.frame import Array
 from .._wording import localize_message
@@ -213,7 +213,7 @@ _MEANT = {"env": "render() has environment=", "samples": "render() has spp=",
 
 def _no_option(name: str) -> str:
     near = _MEANT.get(name) or next(iter(difflib.get_close_matches(
-        name, [*JobOptions.__annotations__, *_OWN], 1)), "")
+        name, [*JobOptions.__annotations__, *_OWN, *INTEGRATOR_SETTINGS], 1)), "")
     meant = f": {near}." if name in _MEANT else f": did you mean {near}=?" if near not in ("", name) else "."
     return (f"this call has no option {name}{meant} Besides its own, which help() shows, it has "
             f"{', '.join(JobOptions.__annotations__)}")
