@@ -50,13 +50,13 @@ export function lightSection(store) {
     sun.disabled = state.env === "none";
     sun.value = sun.disabled ? "" : state.sun;
   }, true);
-  const settings = Object.entries(SETTINGS).map(([key, { field: name, option, label, least, most, whole, text }]) => ({ name,
-    shown: field(label, number(store, key, { id: option.slice(2), min: least, max: most, step: whole ? 1 : "any" }), text) }));
-  const section = element("section", { ariaLabel: "Light" }, element("h2", {}, "Light"), field("Surroundings", env), field("Sun", sun, "Degrees from the north (-Z) eastwards, degrees above the horizon"),
-    ...settings.map(({ shown }) => shown), field("Seed", number(store, "seed", { id: "seed", min: 0, max: Number.MAX_SAFE_INTEGER, step: 1 })));
+  const settings = Object.entries(SETTINGS).map(([key, { field: name, option, label, least, most, whole, text }]) => [name,
+    field(label, number(store, key, { id: option.slice(2), min: least, max: most, step: whole ? 1 : "any" }), text)]);
+  settings.unshift(["environment", field("Surroundings", env)], ["sun", field("Sun", sun, "Degrees from the north (-Z) eastwards, degrees above the horizon")]);
+  const section = element("section", { ariaLabel: "Light" }, element("h2", {}, "Light"), ...settings.map(([, shown]) => shown), field("Seed", number(store, "seed", { id: "seed", min: 0, max: Number.MAX_SAFE_INTEGER, step: 1 })));
   store.on(["view", "integrator"], ({ view, integrator }) => {
     section.hidden = !followsLight({ view, integrator });
-    for (const { name, shown } of settings) shown.hidden = !reads(integrator, name);
+    for (const [name, shown] of settings) shown.hidden = !reads(integrator, name);
   }, true);
   return section;
 }

@@ -18,6 +18,15 @@ browserTest("after all samples the pixels are the command line's", async ({ open
   }
 });
 
+browserTest("the panel has the settings that the integrator reads, and no others", async ({ open }) => {
+  const page = await open(daemon, { ...VIEW, samples: "1" });
+  for (const [integrator, expected] of [["ao", ["ao-distance"]], ["direct", ["environment", "sun"]], ["path", ["environment", "sun", "depth"]]]) {
+    await page.selectOption("#integrator", integrator);
+    const shown = await page.evaluate(() => ["environment", "sun", "depth", "ao-distance"].filter((id) => document.getElementById(id).checkVisibility()));
+    assert.deepEqual(shown, expected, integrator);
+  }
+});
+
 browserTest("it refines while the camera rests: noise falls, and a move cancels", async ({ open }) => {
   const page = await open(daemon, { ...VIEW, samples: "1" });
   await fine(page);
