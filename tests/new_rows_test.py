@@ -1,6 +1,5 @@
 #!/usr/bin/env python3
-"""Things are one row each, and what they do: adds a counter, a generator, a request, a material, a light, an
-integrator, a tone map, a palette, a limit and a command to a copy of the tree as server/README.md says. With
+"""Things are one row each, and what they do: adds one of each kind to a copy of the tree (added_rows.py). With
 tests/run.sh --long it builds the copy and uses them from the command line, from Python and in the documents.
 
   new_rows_test.py SOURCE_DIR BUILD_DIR CMAKE
@@ -10,7 +9,6 @@ import base64
 import json
 import os
 import pathlib
-import re
 import shutil
 import struct
 import subprocess
@@ -20,14 +18,9 @@ import time
 import unittest
 import zlib
 
+from added_rows import ADDITIONS, Tree, run
+
 SOURCE, BUILD, CMAKE = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2]), sys.argv[3]
-
-
-def run(*command, **options):
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, **options)
-    if done.returncode:
-        raise AssertionError(f"{command} gave {done.returncode}:\n{done.stdout[-5000:]}{done.stderr[-3000:]}")
-    return done.stdout
 
 
 def png_mean(path):
@@ -53,215 +46,6 @@ def png_mean(path):
     return [sum(sum(row[c::4]) for row in rows[1:]) / (width * height) for c in range(4)]
 
 
-class Tree:
-    """The tracked files of the tree, copied."""
-
-    def __init__(self, root):
-        self.root = root
-        names = run("git", "-C", SOURCE, "-c", f"safe.directory={SOURCE}", "ls-files", "-z").split("\0")
-        for name in filter(None, names):
-            if (SOURCE / name).is_file() or (SOURCE / name).is_symlink():
-                (root / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy2(SOURCE / name, root / name, follow_symlinks=False)
-
-    def edit(self, name, pattern, replacement):
-        """In one place."""
-        text, count = re.subn(pattern, lambda _: replacement, (self.root / name).read_text(), flags=re.M)
-        if count != 1:
-            raise AssertionError(f"{name} has {count} places like {pattern}")
-        (self.root / name).write_text(text)
-
-    def add_row(self, name, like, old, new):
-        """A row like another one of the list, behind it."""
-        text = (self.root / name).read_text()
-        row = next(line for line in text.splitlines() if line.startswith(like))
-        for word, other in zip(old, new, strict=True):
-            if word not in row:
-                raise AssertionError(f"{name}: '{row}' has no {word}")
-            row = row.replace(word, other)
-        self.edit(name, rf"^{re.escape(like)}.*$", f"{next(x for x in text.splitlines() if x.startswith(like))}\n{row}")
-
-
-def add_counter(tree):
-    tree.add_row("engine/geometry/counters.def", "RAYNEST_COUNTER(prim_hits",
-                 ("prim_hits", "primitives hit"), ("pairs", "pairs of nodes"))
-    tree.edit("engine/intersectors/counts.h", r"c\.box_hits \+= lanes_of\(entered\);",
-              "c.box_hits += lanes_of(entered);\n    c.pairs += 2;")
-
-
-def add_generator(tree):
-    tree.add_row("protocol/lists/generators.def", "RAYNEST_GENERATOR(equirectangular",
-                 ("equirectangular", "pose, range"), ("square_on", "pose, scale, range"))
-    tree.add_row("protocol/lists/generators.def", "RAYNEST_SETTING(fx", ("fx", "in pixels"), ("scale", "over the width"))
-    tree.edit("server/requests/words/generator.cpp", r"^Reply<Generated> make_equirectangular", """\
-Reply<Generated> make_square_on(const Wanted& request) {
-    if (!request.settings.scale) return lacks(request.kind, "scale");
-    const double focal = request.settings.scale->at(0) * request.size.width;
-    return ready(Pinhole{request.sensor_pose, request.size, 0, 0, 1 / focal, 1 / focal});
-}
-
-Reply<Generated> make_equirectangular""")
-
-
-def add_request(tree):
-    tree.add_row("protocol/lists/requests.def", "RAYNEST_REQUEST(15", ("15", "Stats", "stats", "plain", "Statistics"),
-                 ("40", "Echo", "echo", "checked", "Echoed"))
-    tree.add_row("protocol/lists/requests.def", "RAYNEST_ANSWER(130", ("130", "Pong"), ("168", "Echoed"))
-    tree.edit("protocol/messages.fbs", r"^// ---- jobs -+$", """\
-table Echo { text: string; deadline_ms: uint; }
-table Echoed { text: string; }
-
-// ---- jobs""")
-    tree.edit("protocol/validate.cpp", r"^Result<void> validate\(const wire::Need&", """\
-Result<void> validate(const wire::Echo& message, const Limits& limits) {
-    return Checks(limits).needs("text", message.text()).text("text", message.text()).result();
-}
-
-Result<void> validate(const wire::Need&""")
-    (tree.root / "server/requests/echo.cpp").write_text("""\
-#include "server/requests/request.h"
-
-namespace raynest::server {
-
-Reply<Answer> echo(const Services& services, const Caller& caller,
-                   const protocol::Opened<wire::Echo>& message) {
-    wire::EchoedT echoed;
-    echoed.text = protocol::text(message->text());
-    return answer_with(caller, echoed, services);
-}
-
-}  // namespace raynest::server
-""")
-    tree.edit("server/CMakeLists.txt", r"requests/stats\.cpp", "requests/stats.cpp requests/echo.cpp")
-
-
-def add_shading(tree):
-    """A material that glows by a factor of its own, and a light that shines alike at any distance, as much as a number
-    of its own says."""
-    (tree.root / "engine/shading/glow.h").write_text("""\
-#pragma once
-
-#include "engine/shading/unlit.h"
-
-namespace raynest {
-
-struct Glow : Unlit {
-    Glow(const MaterialPoint& point, const Vec3& outgoing) : Unlit(point, outgoing) {
-        colour = Vec3(point.layers.glow, 0, 0);
-    }
-};
-
-}  // namespace raynest
-""")
-    (tree.root / "engine/shading/even.h").write_text("""\
-#pragma once
-
-#include "engine/shading/point.h"
-
-namespace raynest {
-
-struct EvenLight {
-    static constexpr bool distant = false;
-    static constexpr std::array numbers{LightNumber{"gain", 1, 0, 10}};
-    static float power(const LightRecord& light) {
-        return light.own[0] * brightness(light.intensity);
-    }
-    static LightSample sample(const LightRecord& light, const Vec3& from, const Vec2& u) {
-        LightSample sample = PointLight::sample(light, from, u);
-        sample.radiance = light.own[0] * light.intensity;
-        return sample;
-    }
-};
-
-}  // namespace raynest
-""")
-    tree.edit("engine/shading/material_layers.def", r"(?m)^#undef RAYNEST_MATERIAL_LAYER$",
-              'RAYNEST_MATERIAL_LAYER(RAYNEST_materials_glow, l.glow > 0)\n'
-              'RAYNEST_MATERIAL_LAYER_FACTOR(RAYNEST_materials_glow, "glowFactor", float, glow, 0, 0, 10)\n\n'
-              '#undef RAYNEST_MATERIAL_LAYER')
-    tree.add_row("engine/shading/materials.def", "RAYNEST_MATERIAL(unlit", ("unlit, Unlit",), ("glow, Glow",))
-    tree.add_row("engine/shading/lights.def", "RAYNEST_LIGHT(spot", ("spot, SpotLight",), ("even, EvenLight",))
-
-
-def add_integrator(tree):
-    """An integrator with a setting of its own."""
-    tree.add_row("engine/integrators/integrators.def", "RAYNEST_INTEGRATOR(direct",
-                 ("direct, Direct", "lights and shadows", '"sun"'), ("twice, Twice", "two bounces", '"sun", "turns"'))
-    tree.add_row("engine/integrators/integrator_settings.def", "RAYNEST_INTEGRATOR_SETTING(depth",
-                 ("depth", "Bounces", '1024, 8, "8"', "most bounces of a path"), ("turns", "Turns", '4, 2, "2"', "how often a path turns"))
-    tree.edit("protocol/messages.fbs", r"^}\n\ntable Heatmap {", "  turns: uint;\n}\n\ntable Heatmap {")
-    (tree.root / "engine/integrators/twice.h").write_text("""\
-#pragma once
-
-#include "engine/integrators/path.h"
-
-namespace raynest {
-
-class Twice final : public Path {
-public:
-    Twice(const IntegratorScene& scene, const IntegratorSettings& settings)
-        : Path(scene, settings, settings.turns) {}
-};
-
-}  // namespace raynest
-""")
-
-
-def add_look(tree):
-    """A tone map that halves, and a palette."""
-    tree.add_row("engine/integrators/tonemaps.def", "RAYNEST_TONEMAP(none", ("none", "clipped at 1"), ("half", "x / 2"))
-    tree.edit("engine/integrators/tonemap.cpp", r"^Vec3 none\(", """\
-Vec3 half(const Vec3& colour) {
-    return 0.5F * colour;
-}
-
-Vec3 none(""")
-    tree.edit("server/web/tonemap.js", r"^vec3 none\(", "vec3 half(vec3 c) { return 0.5 * c; }\nvec3 none(")
-    tree.edit("client/python/raynest/_render.py", "reinhard, none", "reinhard, half, none")
-    tree.add_row("engine/integrators/palettes.def", "RAYNEST_PALETTE(gray", ("gray", "0x000000"), ("paper", "0x404040"))
-
-
-def add_limit(tree):
-    tree.add_row("protocol/lists/limits.def", "RAYNEST_LIMIT(total_jobs_max",
-                 ("total_jobs_max", "requests in flight of all connections"), ("echoes_max", "echoes at a time"))
-
-
-def add_command(tree):
-    tree.add_row("client/commands/commands.def", "RAYNEST_COMMAND(stats",
-                 ('stats, Stats, "stats"', "print the daemon's counters"),
-                 ('beat, Stats, "beat"', "say that the daemon answers"))
-    (tree.root / "client/commands/beat.cpp").write_text("""\
-#include "client/commands/command.h"
-
-#include <iostream>
-
-namespace raynest::client {
-namespace {
-
-struct BeatOptions {};
-
-}  // namespace
-
-void declare(CommandLine&, BeatOptions&) {}
-
-Result<void> run(Context& context, const BeatOptions&) {
-    const auto reply = ask<wire::Statistics>(context.connection, wire::StatsT{});
-    if (!reply) return tl::unexpected<Failure>(reply.error());
-    std::cout << "it beats\\n";
-    return {};
-}
-
-std::unique_ptr<Command> make_beat() {
-    return make_command<BeatOptions>();
-}
-
-}  // namespace raynest::client
-""")
-
-
-ADDITIONS = (add_counter, add_generator, add_request, add_shading, add_integrator, add_look, add_limit, add_command)
-
-
 def lit_scene(material, light):
     """A square of two metres that faces +z; a light stands far in front of it."""
     points = array.array("f", [-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, -1, 0, 1, 1, 0, -1, 1, 0]).tobytes()
@@ -283,7 +67,7 @@ class Written(unittest.TestCase):
     def setUpClass(cls):
         cls.scratch = pathlib.Path(tempfile.mkdtemp(prefix="raynest-rows-"))
         cls.addClassCleanup(shutil.rmtree, cls.scratch)
-        cls.tree = Tree(cls.scratch / "tree")
+        cls.tree = Tree(SOURCE, cls.scratch / "tree")
         for add in ADDITIONS:
             add(cls.tree)
         run(sys.executable, cls.tree.root / ".ci/lists.py")
@@ -294,7 +78,7 @@ class Written(unittest.TestCase):
 
     def test_documents_have_the_rows(self):
         for row in ("| `pairs` | u32 | pairs of nodes per ray |", "| `square_on` |", "| Echo | 40 |", "| `half` | x / 2 |",
-                    "| `twice` | `environment`", "| `echoes_max` | 256 |", "`paper`"):
+                    "| `twice` | `environment`", "| `echoes_max` | 256 |", "`paper`", "| 24 | TOO_LOUD | 5 | speak lower |", "| `miss_fraction` | miss_fraction f32 |", "| `idle` | nobody |"):
             self.assertIn(row, self.page())
 
 
@@ -387,6 +171,36 @@ class NewRows(Written):
                            "try: client.connection.ask('Echo', {'text': '\\x07'}, 'Echoed')\n"
                            "except raynest.UsageError as error: print(str(error).partition(' [request')[0])")
         self.assertEqual(told.splitlines(), ["hello", "`text` is not printable UTF-8"])
+
+    def test_an_error_has_its_code_and_class(self):
+        told = self.python("try: client.connection.ask('Echo', {'text': 'HELLO'}, 'Echoed')\n"
+                           "except raynest.InvalidError as error: print(error.name, str(error).partition(' [request')[0])")
+        self.assertEqual(told.strip(), "TOO_LOUD it shouts")
+
+    def test_a_reducer_answers(self):
+        self.assertIn("miss_fraction", self.raynest("query", "--help"))
+        told = self.python("from raynest import generators\n"
+                           "points = [[x, 0.01, 0.5] for x in range(-9, 9)]\n"
+                           "above = generators.hemisphere(points, [[0, 1, 0]] * 18, samples=256)\n"
+                           "hit, miss = (woods.trace(above, reduce=name)[name] for name in ('hit_fraction', 'miss_fraction'))\n"
+                           "print(abs(hit + miss - 1).max() < 1e-6, 0 < miss.mean() < 1)")
+        self.assertEqual(told.split(), ["True", "True"])
+
+    def test_an_intersector_hides_triangles(self):
+        self.assertIn("sees triangles of even numbers", self.raynest("variants"))
+        told = self.python("import numpy as np\n"
+                           "rays = generators.pinhole(64, size=(64, 64), look_at=((0, 2, 20), (0, 2, 0)))\n"
+                           "all_of, even = (woods.trace(rays, fields=('hit', 'prim'), intersector=name) for name in ('opaque', 'even_triangles'))\n"
+                           "print((all_of['prim'][all_of['hit'] != 0] % 2).any(), (even['prim'][even['hit'] != 0] % 2).any(), even['hit'].any())")
+        self.assertEqual(told.split(), ["True", "False", "True"])
+
+    def test_a_backend_is_asked(self):
+        self.assertIn("idle", self.raynest("query", "--help"))
+        told = self.python("woods.trace([8, 50, -8, 0, -1, 0], worker='auto'); print(client.outcome['worker'])\n"
+                           "try: woods.trace([8, 50, -8, 0, -1, 0], worker='idle')\n"
+                           "except raynest.Error as error: print(str(error).partition(' [request')[0])")
+        self.assertEqual(told.splitlines()[0], "cpu")
+        self.assertIn("the idle worker: it does nothing", told)
 
     def test_an_integrator_reads_its_settings_and_no_others(self):
         self.assertRegex(self.raynest("render", "--help"), r"twice\s+\(two\s+bounces\)")
