@@ -20,7 +20,7 @@ PAGE = (pathlib.Path(__file__).parents[2] / "engine/packs/TARGETS.md").read_text
 
 def shown(text):
     """What the page and a command agree on: the best target, and those below it, are the machine's."""
-    return re.sub(r"v\d((,| )*\"?v\d)*", "v", re.sub(r'","', '" "', text)).strip()
+    return re.sub(r'v\d("?,? ?"?v\d)*', "v", text).strip()
 
 
 class Targets(DaemonTest):
