@@ -8,7 +8,7 @@ from ._export import Exports
 from ._net.control import Message
 from ._net.frame import Array
 from ._requests.arguments import Unpack, none_is_default
-from ._requests.film import (Environment, EnvironmentFile, Layers, FilmOptions, film_message, is_lit,
+from ._requests.film import (Environment, EnvironmentFile, FilmOptions, Layers, film_message, is_lit,
                              layers_of, split_options, tells_settings, warn_if_incomplete, warn_of_options)
 from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message
 from ._requests.picture import Payload, camera_message, size_message, tile_message
