@@ -16,6 +16,7 @@ import numpy as np
 import raynest
 from raynest import _limits
 from raynest._requests.gltf import mesh_glb
+from raynest._requests.loads import load_of_mesh
 from raynest._requests.upload import gather
 from daemon import SHARED_SCENES
 from with_daemon import WithDaemon, main
@@ -83,6 +84,17 @@ class Upload(WithDaemon):
             short.mesh(corners * 3, faces)
         stages, _ = self.stages(lambda told: other.mesh(corners * 3, faces, progress=told))
         self.assertIn("uploading", stages)
+
+    def test_the_digest_of_a_large_mesh_is_that_of_its_file(self):
+        """It is begun while the file is written, and again where vertices that no face uses lose what they were."""
+        points = np.random.default_rng(7).random((20_000, 3))
+        faces = np.random.default_rng(8).integers(0, len(points), (20_000, 3))
+        for unused in ([1.0, 2.0, 3.0], [np.nan, np.inf, 0.0]):
+            for shift in (None, [1e6, 0, 0]):
+                load = load_of_mesh(np.vstack([points, unused]), faces, "mesh", origin=shift)
+                body = np.concatenate(list(load.read(1)))
+                self.assertEqual(hashlib.sha256(body).digest(), load.message["file_digests"][32:])
+                self.assertTrue(np.isfinite(body[:12 * len(points) + 12].view("<f4")).all())
 
     def test_all_files_of_a_scene_have_one_limit(self):
         scene = self.out / "two.gltf"

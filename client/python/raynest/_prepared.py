@@ -162,7 +162,7 @@ class Prepared:
             warn("the scene is empty: nothing can be hit", SceneWarning)
         if self._mesh is not None:
             vertices, faces = self._mesh
-            lost = rounding_warning(vertices, faces, np.asarray(info["origin"]), info["degenerate_triangles"])
+            lost = rounding_warning(vertices, faces, info)
             self._mesh = None
             if lost:
                 warn(lost, SceneWarning)

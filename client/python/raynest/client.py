@@ -145,7 +145,7 @@ class Client(Session):
                             up=up)
         scene, info = self._load(load, progress)
         scene.made = (vertices, faces), {"material": material, "origin": origin, "build": build, "up": up}
-        lost = rounding_warning(vertices, faces, scene.origin, info["degenerate_triangles"])
+        lost = rounding_warning(vertices, faces, info)
         if lost:
             warn(lost, SceneWarning)
         return scene

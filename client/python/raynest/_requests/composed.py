@@ -42,10 +42,10 @@ def composition_of(parts: Parts, origin: Optional[Array], up: str) -> tuple[File
             raise UsageError(f"the part {name!r} has vertices that are not finite in float32")
         if mesh.material:
             moved = shift_of(points, origin)
-            glb, buffer = mesh_files(points, corners, f"{len(files) + 1}.bin" if has_room else "", moved, mesh.material, name)
+            glb, body = mesh_files(points, corners, f"{len(files) + 1}.bin" if has_room else "", moved, mesh.material, name)
             objects[name] = {"file": _keep(files, glb, ".glb"), "up": up, **({"origin": moved.tolist()} if moved.any() else {})}
-            if buffer is not None:
-                _keep(files, buffer, ".bin")
+            if body is not None:
+                files.append(File(f"{len(files)}.bin", *body))
             continue
         points, objects[name] = _kept(points, points, origin)
         plain[name] = points, corners.astype("<u4")

@@ -8,13 +8,14 @@ from __future__ import annotations
 import json
 import re
 import struct
-from typing import Any, NoReturn, Optional
+from typing import Any, NamedTuple, NoReturn, Optional
 
 import numpy as np
 
 from .._net.frame import Array
 from ..errors import InvalidError, UsageError
 from .arguments import array_of, is_masked
+from .digest import Digest
 from .materials import Material
 
 JSON_BYTES_MAX = 64 << 20
@@ -121,7 +122,8 @@ def triangles(vertices: Any, faces: Any, whose: str = "") -> tuple[Array, Array]
     if corners.ndim != 2 or corners.shape[1] != 3 or corners.dtype.kind not in "iu":
         raise UsageError(f"{whose}faces must be integers of shape (M, 3), not {corners.dtype} "
                          f"{corners.shape}")
-    if corners.min() < 0 or corners.max() >= len(points):
+    # As unsigned numbers, of which negative ones are the largest: the faces are read once.
+    if corners.view(corners.dtype.str.replace("i", "u")).max() >= len(points):
         raise UsageError(f"{whose}faces go from {corners.min()} to {corners.max()}: they must be indices "
                          f"of the {len(points)} vertices, counted from 0")
     return points, corners
@@ -152,8 +154,15 @@ def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3), material: O
     return _mesh_files(*in_use(*triangles(vertices, faces)), origin, material, name, "")[0]
 
 
+class Body(NamedTuple):
+    """A file of vertices and faces."""
+
+    data: memoryview
+    digest: Digest
+
+
 def mesh_files(vertices: Any, faces: Any, apart: str, origin: Array = np.zeros(3), material: Optional[Material] = None,
-               name: str = "") -> tuple[memoryview, Optional[memoryview]]:
+               name: str = "") -> tuple[memoryview, Optional[Body]]:
     """Returns a mesh as mesh_glb() does. If it is large, its vertices and faces are a file of the name `apart`, the second
     value."""
     points, corners = in_use(*triangles(vertices, faces))
@@ -162,7 +171,7 @@ def mesh_files(vertices: Any, faces: Any, apart: str, origin: Array = np.zeros(3
 
 
 def _mesh_files(points: Array, corners: Array, origin: Array, material: Optional[Material], name: str,
-                apart: str) -> tuple[memoryview, Optional[memoryview]]:
+                apart: str) -> tuple[memoryview, Optional[Body]]:
     moves = bool(origin.any())
     named: dict[str, Any] = {"name": name} if name else {}
     painted: dict[str, Any] = {"materials": [material.as_gltf()]} if material else {}
@@ -174,7 +183,12 @@ def _mesh_files(points: Array, corners: Array, origin: Array, material: Optional
     positions = body[:position_bytes].view("<f4").reshape(points.shape)
     with np.errstate(over="ignore", invalid="ignore"):
         positions[...] = points - origin if moves else points
+    digest = Digest()
+    if apart:
+        digest.add(body[:position_bytes].data)
     body[position_bytes:].view("<u4")[...] = corners.ravel()
+    if apart:
+        digest.add(body[position_bytes:].data)
     low, high = box_of(positions)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         lost = np.flatnonzero(~np.isfinite(positions).all(1))
@@ -183,8 +197,11 @@ def _mesh_files(points: Array, corners: Array, origin: Array, material: Optional
             raise UsageError(f"{len(used)} vertices that faces use are not finite in float32, the "
                              f"first is {used[0]}: leave out those faces, as "
                              "faces[np.isfinite(vertices[faces]).all((1, 2))]")
+        digest.value()      # of what was there
         positions[lost] = 0
         low, high = box_of(positions)
+        digest = Digest()
+        digest.add(body.data)
     document: dict[str, Any] = {
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "name": "mesh",
@@ -204,7 +221,7 @@ def _mesh_files(points: Array, corners: Array, origin: Array, material: Optional
     text = text.ljust(head_bytes - 20 - len(end))  # blanks to the chunk's end
     head = struct.pack("<5I", GLB, 2, head_bytes if apart else len(whole), len(text), JSON) + text + end
     whole[:head_bytes] = np.frombuffer(head, np.uint8)
-    return (whole[:head_bytes].data, body.data) if apart else (whole.data, None)
+    return (whole[:head_bytes].data, Body(body.data, digest)) if apart else (whole.data, None)
 
 
 def box_of(points: Array) -> tuple[Array, Array]:

@@ -65,8 +65,8 @@ def load_of_mesh(vertices: Any, faces: Any = None, name: Optional[str] = None, *
     if faces is None:
         raise TypeError("mesh() takes vertices and faces")
     shift = np.zeros(3) if origin is None else vector("origin", origin)
-    glb, buffer = mesh_files(vertices, faces, "1.bin", shift, checked(material))
-    upload = Upload("mesh.glb", name or "", (File("mesh.glb", glb), *([] if buffer is None else [File("1.bin", buffer)])))
+    glb, body = mesh_files(vertices, faces, "1.bin", shift, checked(material))
+    upload = Upload("mesh.glb", name or "", (File("mesh.glb", glb), *([] if body is None else [File("1.bin", *body)])))
     message: Message = {**upload.message(), **_origin_message(shift), "replace": replace, "build": build,
                         "up": _axis(up), "temporary": not name and not keep}
     if not name:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from typing import Callable, Iterator, NamedTuple, Sequence, Union
+from typing import Callable, Iterator, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from .._net.connection import Connection
 from .._net.control import Message
 from .._net.frame import Array, padding
 from .._wording import localize_message
+from .digest import Digest
 from .files import (HEAD_BYTES, STANDARD, head_of, is_nameless, is_pipe, read_file, read_file_beneath,
                     sendable)
 from .named_files import COMPOSITION, named_files
@@ -38,6 +39,10 @@ _SCENES = (".glb", ".gltf", ".npy", ".ply", ".stl", ".obj", ".off", ".npz", ".la
 class File(NamedTuple):
     name: str  # as the main file names it
     data: Union[bytes, memoryview]
+    digest: Optional[Digest] = None     # of the data; None: not begun
+
+    def sha256(self) -> bytes:
+        return self.digest.value() if self.digest else hashlib.sha256(self.data).digest()
 
 
 class Upload(NamedTuple):
@@ -49,7 +54,7 @@ class Upload(NamedTuple):
         """The daemon asks for the files unless it finds a scene by their digests."""
         return {"source": self.source, "name": self.scene_name,
                 "file_names": [file.name for file in self.files],
-                "file_digests": b"".join(hashlib.sha256(file.data).digest() for file in self.files),
+                "file_digests": b"".join(file.sha256() for file in self.files),
                 "file_bytes": [len(file.data) for file in self.files]}
 
     def read(self, number: int) -> Iterator[Array]:
