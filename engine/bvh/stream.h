@@ -152,7 +152,11 @@ private:
         const Node& node = flight.arrays.node(flight.child);
         const auto spans = intersect_with(isect_, *flight.ray, Boxes8{&node});
         const std::uint32_t top = flight.top;
-        if constexpr (Query::ordered) {
+        if constexpr (Query::ordered && !Overrides<Isect, BoxRay, Boxes8>) {
+            flight.top =
+                top + pack_ordered(spans.near, spans.leaves, node.child, node.valid(), node.order,
+                                   flight.far_first, flight.nears + top, flight.children + top);
+        } else if constexpr (Query::ordered) {
             flight.top =
                 top + pack_ordered(spans.near, node.child, spans.mask, node.order, flight.far_first,
                                    flight.nears + top, flight.children + top);

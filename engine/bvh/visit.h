@@ -107,7 +107,11 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
         __builtin_prefetch(scene.instances + object.first_instance + leaf_instance(other));
     };
     const auto push = [&](const Node& node, const auto& spans) RAYNEST_INLINE_LAMBDA {
-        if constexpr (Query::ordered) {
+        if constexpr (Query::ordered && !Overrides<Isect, BoxRay, Boxes8>) {
+            // The empty children come last in every order.
+            top += pack_ordered(spans.near, spans.leaves, node.child, node.valid(), node.order,
+                                order, nears + top, children + top);
+        } else if constexpr (Query::ordered) {
             top += pack_ordered(spans.near, node.child, spans.mask, node.order, order, nears + top,
                                 children + top);
         } else {

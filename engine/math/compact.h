@@ -93,6 +93,42 @@ RAYNEST_INLINE std::uint32_t pack_ordered(const Lanes<8>& values, const std::uin
     return static_cast<std::uint32_t>(std::popcount(mask));
 }
 
+/// Does the same for lanes whose `values` are at most `limits`, of those that `lanes` names first,
+/// a bit each in `first`. A mask would have to be made first, and put in order.
+RAYNEST_INLINE std::uint32_t pack_ordered(const Lanes<8>& values, const Lanes<8>& limits,
+                                          const std::uint32_t* words, std::uint32_t first,
+                                          const std::uint32_t* lanes, std::uint32_t shift,
+                                          float* to_values, std::uint32_t* to_words) {
+    if constexpr (Lanes<8>::parts == 1) {
+        namespace hn = part::hn;
+        const hn::CappedTag<float, 8> f32;
+        const hn::RebindToUnsigned<decltype(f32)> u32;
+        const auto slots = hn::And(
+            hn::ShiftRightSame(hn::Load(u32, lanes), static_cast<int>(shift)), hn::Set(u32, 7));
+        const auto order =
+            hn::IndicesFromVec(f32, hn::BitCast(hn::RebindToSigned<decltype(f32)>(), slots));
+        const auto sorted = hn::TableLookupLanes(values.lane[0], order);
+        const auto limit = hn::TableLookupLanes(limits.lane[0], order);
+        const auto child =
+            hn::BitCast(u32, hn::TableLookupLanes(hn::BitCast(f32, hn::Load(u32, words)), order));
+#if HWY_TARGET <= HWY_AVX3
+        const std::uint8_t bits[8] = {static_cast<std::uint8_t>(first)};
+        const auto named = hn::And(sorted <= limit, hn::LoadMaskBits(f32, bits));
+        const std::uint32_t mask = part::bits<hn::Vec<decltype(f32)>>(named);
+        hn::StoreU(part::pack_lanes(f32, sorted, named), f32, to_values);
+        hn::StoreU(part::pack_lanes(u32, child, hn::RebindMask(u32, named)), u32, to_words);
+#else
+        const std::uint32_t mask = part::less_equal(sorted, limit) & first;
+        hn::StoreU(part::pack_lanes(f32, sorted, mask), f32, to_values);
+        hn::StoreU(part::pack_lanes(u32, child, mask), u32, to_words);
+#endif
+        return static_cast<std::uint32_t>(std::popcount(mask));
+    } else {
+        return pack_ordered(values, words, less_equal(values, limits) & first, lanes, shift,
+                            to_values, to_words);
+    }
+}
+
 /// Packs the words of eight that are in `mask` to the front of `to`. Writes all eight entries of
 /// `to`. Returns the number packed.
 RAYNEST_INLINE std::uint32_t pack_words(const std::uint32_t* words, std::uint32_t mask,

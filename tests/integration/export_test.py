@@ -210,7 +210,7 @@ class Export(WithFiles):
                 "instances": [{"object": "pair", "name": "north"}, {"object": "pair", "name": "south"}]}
         notes = " ".join(self.export(self.load("deep.rnscene.json", json.dumps(town)))["notes"])
         self.assertIn("names above shared parts are left out", notes)
-        self.assertIn("user ids of 2 instances are left out", notes)
+        self.assertIn("the user ids of 2 instances become others", notes)
 
     def test_materials_keep_what_they_say(self):
         extensions = {

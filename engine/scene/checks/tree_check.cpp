@@ -4,6 +4,7 @@
 #include "engine/geometry/triangle.h"
 
 #include <algorithm>
+#include <bit>
 
 namespace raynest {
 namespace {
@@ -12,11 +13,17 @@ tl::unexpected<Error> broken_tree(const char* what) {
     return fail(ErrorCode::scene_invalid, std::string("a tree is broken: ") + what);
 }
 
-/// True if each of the eight octants lists all eight slots.
+/// True if the valid slots are the first ones, and each of the eight octants lists them before the others.
 bool is_order(const Node& node) {
+    const std::uint32_t valid = node.valid();
+    if ((valid & (valid + 1)) != 0) return false;
+    const int count = std::popcount(valid);
     for (std::uint32_t octant = 0; octant < 8; ++octant) {
         std::uint32_t slots = 0;
-        for (const std::uint32_t word : node.order) slots |= 1U << (word >> (3 * octant) & 7U);
+        for (int i = 0; i < 8; ++i) {
+            slots |= 1U << (node.order[i] >> (3 * octant) & 7U);
+            if (i + 1 == count && slots != valid) return false;
+        }
         if (slots != 0xFF) return false;
     }
     return true;

@@ -1,8 +1,10 @@
 #include "engine/scene/selection/selected_instances.h"
 
+#include "engine/bvh/build_emit.h"
 #include "engine/geometry/path.h"
 
 #include <algorithm>
+#include <bit>
 #include <map>
 #include <string>
 
@@ -61,20 +63,25 @@ public:
             return keeps_hidden_ || instances_[leaf_instance(child)].mask != 0;
         }
         Node& node = nodes_[child];
-        const std::uint32_t valid = node.valid();
+        const auto count = static_cast<std::uint32_t>(std::popcount(node.valid()));
         std::uint32_t kept = 0;
-        for (std::uint32_t slot = 0; slot < 8; ++slot) {
-            if ((valid >> slot & 1U) == 0) continue;
-            if (keeps(node.child[slot]))
-                kept |= 1U << slot;
-            else
-                node.child[slot] = child_empty;
-        }
-        node.order[0] = (node.order[0] & 0xFFFFFFU) | kept << 24;
+        for (std::uint32_t slot = 0; slot < count; ++slot)
+            if (keeps(node.child[slot])) move_child(node, slot, kept++);
+        if (kept == count) return true;
+        std::fill(node.child + kept, node.child + count, child_empty);
+        build::order_children(node, kept);
         return kept != 0;
     }
 
 private:
+    static void move_child(Node& node, std::uint32_t from, std::uint32_t to) {
+        for (int axis = 0; axis < 3; ++axis) {
+            node.lower[axis][to] = node.lower[axis][from];
+            node.upper[axis][to] = node.upper[axis][from];
+        }
+        node.child[to] = node.child[from];
+    }
+
     std::span<Node> nodes_;
     std::span<const InstanceRecord> instances_;
     const bool keeps_own_;

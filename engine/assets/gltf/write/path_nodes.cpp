@@ -89,7 +89,8 @@ private:
 
 std::string renumbered_text(std::uint64_t count) {
     return fmt::format(
-        "user ids of {} instances are left out: those of a glTF file are indices of its nodes",
+        "the user ids of {} instances become others: in a glTF file they are the indices of its "
+        "nodes",
         count);
 }
 

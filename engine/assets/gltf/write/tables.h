@@ -61,7 +61,7 @@ Result<void> write_materials(const Snapshot& scene, Tables& tables);
 /// Writes nodes, cameras and lights, some of the nodes where `ends` says so. `mesh_of` has the mesh of each object, or no_id.
 void write_nodes(const Snapshot& scene, std::span<const std::uint32_t> mesh_of, Tables& tables);
 
-/// Says that so many instances lose their user ids.
+/// Says that so many instances will have other user ids.
 [[nodiscard]] std::string renumbered_text(std::uint64_t count);
 
 /// Writes the nodes of a scene that was read from a tree of nodes, if all of its placements lie in

@@ -10,6 +10,7 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <bit>
 #include <cstring>
 #include <random>
 #include <vector>
@@ -267,9 +268,10 @@ TEST_CASE("invalid trees are refused") {
     const SceneView& view = built->view();
     const ObjectRecord* const object = view.objects;
     REQUIRE(object->node_count > 1);
-    const auto opens_with = [&](auto&& spoil) {
+    const Node* const root = view.nodes + object->first_node;
+    const auto opens_with = [&](auto&& spoil, const Node* node = nullptr) {
         Arena arena = copy_of(built->bytes());
-        const auto offset = reinterpret_cast<const std::byte*>(view.nodes + object->first_node) -
+        const auto offset = reinterpret_cast<const std::byte*>(node == nullptr ? root : node) -
                             built->bytes().data();
         spoil(*reinterpret_cast<Node*>(arena.data() + offset));
         return Snapshot::open({std::move(arena)}).has_value();
@@ -281,6 +283,29 @@ TEST_CASE("invalid trees are refused") {
     CHECK_FALSE(opens_with([](Node& n) { n.child[0] = 0x70000000; }));   // far away
     CHECK_FALSE(opens_with([](Node& n) { n.order[3] = n.order[2]; }));   // no permutation
     CHECK_FALSE(opens_with([](Node& n) { n.child[0] = make_instance_leaf(0); }));
+
+    // Traversals take the first of an order for the children that are there.
+    const Node* const end = root + object->node_count;
+    const auto has_room = [](const Node& n) { return n.valid() >= 3 && n.valid() < 0xFF; };
+    const Node* const part = std::find_if(root, end, has_room);
+    REQUIRE(part != end);
+    const auto first_empty = static_cast<std::uint32_t>(std::popcount(part->valid()));
+    const auto exchange_slots = [](Node& n, std::uint32_t a, std::uint32_t b) {
+        for (std::uint32_t& word : n.order) {
+            for (std::uint32_t octant = 0; octant < 8; ++octant) {
+                const std::uint32_t slot = word >> (3 * octant) & 7U;
+                if (slot == a || slot == b) word ^= (a ^ b) << (3 * octant);
+            }
+        }
+    };
+    CHECK(opens_with([&](Node& n) { exchange_slots(n, 0, 1); }, part));
+    CHECK_FALSE(opens_with([&](Node& n) { exchange_slots(n, 0, first_empty); }, part));
+    const auto leave_a_gap = [&](Node& n) {
+        exchange_slots(n, 0, first_empty);
+        std::swap(n.child[0], n.child[first_empty]);
+        n.order[0] ^= (1U | 1U << first_empty) << 24;
+    };
+    CHECK_FALSE(opens_with(leave_a_gap, part));
 }
 
 TEST_CASE("a damaged arena is refused, or every walk over it stays in range") {
