@@ -25,8 +25,8 @@ struct Reloading {
 }  // namespace
 
 void Daemon::end_revoked(bool is_site_smaller) {
-    const auto valid = [this, now = WallClock::now()](const Principal& principal) {
-        return credentials_.authentication().still_valid(principal, now);
+    const auto valid = [this](const Principal& principal) {
+        return credentials_.authentication().still_valid(principal, WallClock::now());
     };
     // A page comes back at once under a host, or by a proxy, that is still one of ours. A Hello that
     // is yet to come meets the rule for principals by itself. By value: it is asked in later turns, too.
@@ -36,7 +36,8 @@ void Daemon::end_revoked(bool is_site_smaller) {
                (principal == nullptr || valid(*principal));
     };
     const std::string why = " is admitted no more: a token, certificate, login or option changed";
-    connections_.close_unless(may_stay, {Code::not_allowed, "this connection" + why, 0});
+    connections_.close_unless(may_stay, {Code::not_allowed, "this connection" + why, 0},
+                              is_site_smaller ? "revoked, site smaller" : "revoked");
     detached_.end_unless(valid, {Code::not_allowed, "the owner of this job" + why, 0});
 }
 
@@ -55,10 +56,12 @@ void Daemon::elsewhere(std::function<std::function<void()>()> work) {
 
 void Daemon::look_at_credentials() {
     if (credentials_.any_expired(WallClock::now())) end_revoked();
-    if (!credentials_.tokens_changed()) return;
-    elsewhere([this, options = credentials_.options()]() -> std::function<void()> {
+    if (!tokens_reading_.expired() || !credentials_.tokens_changed()) return;
+    const auto reading = std::make_shared<int>();
+    tokens_reading_ = reading;
+    elsewhere([this, reading, options = credentials_.options()]() -> std::function<void()> {
         const auto files = std::make_shared<Credentials::Files>(Credentials::read_tokens(options));
-        return [this, files] {
+        return [this, reading, files] {
             if (!credentials_.take(std::move(*files))) return;
             log(LogLevel::info, "tokens_read",
                 {{"rows", std::to_string(credentials_.authentication().tokens().rows().size())}});

@@ -127,6 +127,7 @@ private:
     asio::steady_timer credentials_timer_;
     asio::steady_timer watchdog_timer_;
     Credentials credentials_;
+    std::weak_ptr<const int> tokens_reading_;  ///< while the token file is read again
     Connections connections_;
     InheritedSockets inherited_;
     std::vector<std::unique_ptr<Listener>> listeners_;

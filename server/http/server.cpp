@@ -120,6 +120,7 @@ public:
           timer_(server.io_),
           buffer_(limits_.http_header_bytes_max + 1) {
         protocol::tune_tcp(stream_.socket().native_handle());
+        stream_.pays(peer_.name);
     }
 
     /// Begins to serve, as the last of a list.

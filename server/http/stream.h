@@ -4,13 +4,18 @@
 
 #include "server/http/beast.h"
 #include "server/net/tls_socket.h"
+#include "server/net/turns.h"
 
 #include <cstddef>
 #include <memory>
+#include <string>
 #include <utility>
 
 namespace raynest::server {
 
+/// Its reads and writes are turns of a principal. Beast handles much between two of them of which
+/// nobody else learns: headers, control frames and their answers, empty fragments.
+///
 /// Movable. Io thread only.
 class HttpStream {
 public:
@@ -29,6 +34,16 @@ public:
     [[nodiscard]] bool has_unsent() const { return tls_ && tls_->has_unsent(); }
     /// True if bytes can be read of which the socket knows nothing.
     [[nodiscard]] bool has_bytes() const { return tls_ && tls_->has_bytes(); }
+    /// Whose turns its reads and writes are from now on.
+    void pays(const std::string& principal) {
+        if (!payer_ || *payer_ != principal)
+            payer_ = std::make_shared<const std::string>(principal);
+    }
+    [[nodiscard]] const std::shared_ptr<const std::string>& payer() const { return payer_; }
+    [[nodiscard]] Turns& turns() { return Turns::of(socket()); }
+    void spend(Turns::Clock::duration time) {
+        if (payer_) turns().spend(*payer_, time);
+    }
     void close() {
         SystemError ignored;
         socket().close(ignored);
@@ -76,7 +91,7 @@ private:
     /// A read or write that waits for the socket.
     template <class Buffers, bool reads>
     struct Operation {
-        enum class State { begun, waits, done };
+        enum class State { begun, in_line, waits, done };
 
         HttpStream* stream;
         Buffers buffers;
@@ -86,17 +101,23 @@ private:
 
         template <class Self>
         void operator()(Self& self, SystemError error = {}, std::size_t count = 0) {
+            if (state == State::begun && stream->must_wait()) {
+                state = State::in_line;
+                return stream->turns().stand_in_line(*stream->payer_)->async_wait(std::move(self));
+            }
+            // The end of the wait in line is no error of the stream.
+            if (state == State::in_line) error = {};
             const State before = std::exchange(state, State::waits);
-            if (before == State::done) return self.complete(result, bytes);
+            if (before == State::done) return complete(self, result, bytes);
             if (!stream->tls_) {
-                if (before == State::waits) return self.complete(error, count);
+                if (before == State::waits) return complete(self, error, count);
                 const Buffers all = buffers;
                 if constexpr (reads)
                     return stream->plain_.async_read_some(all, std::move(self));
                 else
                     return stream->plain_.async_write_some(all, std::move(self));
             }
-            if (error) return self.complete(error, 0);
+            if (error) return complete(self, error, 0);
             TlsSocket::Outcome outcome{};
             bytes = stream->template now<reads>(buffers, result, &outcome);
             if (result == asio::error::would_block) {
@@ -105,12 +126,24 @@ private:
                                                                             : Socket::wait_read;
                 return socket.async_wait(what, std::move(self));
             }
-            if (before == State::waits) return self.complete(result, bytes);
+            if (before != State::begun) return complete(self, result, bytes);
             // An operation must not complete within the call that begins it.
             state = State::done;
             asio::post(stream->get_executor(), std::move(self));
         }
+        /// Counts what is done then, up to the next read or write.
+        template <class Self>
+        void complete(Self& self, SystemError error, std::size_t count) {
+            const TurnMeter meter(stream->turns(), stream->payer_);
+            self.complete(error, count);
+        }
     };
+
+    /// True if the next read or write has to wait in line.
+    [[nodiscard]] bool must_wait() {
+        TurnMeter::count_present();
+        return payer_ && turns().is_over(*payer_);
+    }
 
     /// Reads or writes over TLS without waiting.
     template <bool reads, class Buffers>
@@ -152,6 +185,7 @@ private:
         return bytes;
     }
 
+    std::shared_ptr<const std::string> payer_;  ///< null: nobody
     Socket plain_;
     std::unique_ptr<TlsSocket> tls_;  ///< null: `plain_` is the connection
 };

@@ -3,8 +3,11 @@
 #include "protocol/frame.h"
 #include "protocol/text.h"
 #include "protocol/wire.h"
+#include "server/ground/limited_log.h"
 #include "server/http/websocket_messages.h"
+#include "server/net/minute_limit.h"
 #include "server/net/socket_transport.h"
+#include "server/net/turns.h"
 
 #include <linux/sockios.h>
 #include <sys/ioctl.h>
@@ -20,6 +23,9 @@ namespace {
 
 namespace websocket = beast::websocket;
 
+/// Browsers send control frames only in answer to some, other clients a few in a minute.
+constexpr unsigned control_frames_max = 1000;
+
 /// A WebSocket that carries frames as websocket_messages.h says: each message is one frame.
 class WebSocketTransport final : public Transport {
 public:
@@ -34,6 +40,10 @@ public:
         stream_.set_option(websocket::stream_base::decorator([](websocket::response_type& made) {
             made.set(http::field::server, "raynestd/" RAYNEST_VERSION);
         }));
+        stream_.control_callback([this](websocket::frame_type, beast::string_view) {
+            control_frames_.count(MinuteLimit::Clock::now());
+            if (control_frames_.is_over()) close_for_control_frames();
+        });
     }
 
     [[nodiscard]] const PeerIdentity& peer() const override { return peer_; }
@@ -44,6 +54,7 @@ public:
     }
     asio::awaitable<std::size_t> read(const ReadBuffers& buffers, std::size_t wanted,
                                       SystemError& error) override;
+    void pays(const std::string& principal) override { stream_.next_layer().pays(principal); }
     [[nodiscard]] bool reads_take_time() const override { return is_unparsed_; }
     std::optional<Unreadable> take_unreadable() override {
         return std::exchange(unreadable_, std::nullopt);
@@ -74,6 +85,7 @@ private:
         }
     };
     [[nodiscard]] Outgoing next_message(const WriteBatch::Rest& rest) const;
+    void close_for_control_frames();
     void refuse_upgrade(const WriteBatch::Rest& rest);
 
     /// Reads the next message up to its bulk part, and converts it unless it is a text.
@@ -103,12 +115,17 @@ private:
     bool greeted_ = false;     ///< the first message has come
     /// A message has come, and is to be converted: to parse a text takes long
     bool is_unparsed_ = false;
+    MinuteLimit control_frames_{control_frames_max};
 };
 
 asio::awaitable<std::size_t> WebSocketTransport::read(const ReadBuffers& buffers,
                                                       std::size_t /*wanted*/, SystemError& error) {
+    unreadable_.reset();  // who reads on does not ask for it
     if (std::exchange(is_unparsed_, false)) {
+        const auto began = Turns::Clock::now();
         convert(read_text_message(message_));
+        // The caller counts the time of what it gets.
+        if (unreadable_) stream_.next_layer().spend(Turns::Clock::now() - began);
     } else if (frame_sent_ == frame_.size() && bulk_left_ == 0) {
         co_await read_message(error);
     }
@@ -229,7 +246,11 @@ WebSocketTransport::Outgoing WebSocketTransport::next_message(const WriteBatch::
 
 asio::awaitable<std::size_t> WebSocketTransport::write(const WriteBatch::Rest& rest,
                                                        SystemError& error) {
-    const Outgoing message = next_message(rest);
+    Outgoing message;
+    {
+        const TurnMeter meter(stream_.next_layer().turns(), stream_.next_layer().payer());
+        message = next_message(rest);
+    }
     stream_.text(message.is_text);
     co_await stream_.async_write(message.buffers(),
                                  asio::redirect_error(asio::use_awaitable, error));
@@ -257,6 +278,15 @@ std::size_t WebSocketTransport::write_now(const WriteBatch::Rest& rest) {
     stream_.write(message.buffers(), error);
     if (error) close();
     return error ? 0 : message.frame_bytes;
+}
+
+void WebSocketTransport::close_for_control_frames() {
+    if (!stream_.next_layer().socket().is_open()) return;
+    log_limited(LogLevel::info, "dropped", peer_.name,
+                {{"peer", peer_.whereabouts()},
+                 {"reason", "more than " + std::to_string(control_frames_max) +
+                                " control frames came in a minute"}});
+    close();
 }
 
 void WebSocketTransport::refuse_upgrade(const WriteBatch::Rest& rest) {

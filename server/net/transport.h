@@ -17,6 +17,7 @@
 #include <array>
 #include <cstddef>
 #include <optional>
+#include <string>
 
 namespace raynest::server {
 
@@ -44,6 +45,8 @@ public:
     /// write() valid until they end.
     virtual asio::awaitable<std::size_t> read(const ReadBuffers& buffers, std::size_t wanted,
                                               SystemError& error) = 0;
+    /// Says whose turns of the io thread the reads are from now on, where read() counts by itself.
+    virtual void pays(const std::string& /*principal*/) {}
     /// True if the next read() decrypts or parses for as long as it takes to return bytes.
     [[nodiscard]] virtual bool reads_take_time() const { return false; }
     /// Returns the message that the last read() could not read; the session refuses it.

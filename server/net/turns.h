@@ -42,8 +42,12 @@ public:
     [[nodiscard]] Clock::duration left(const std::string& principal) const;
     /// Waits in line. Who has waited goes on with one message without asking again.
     asio::awaitable<void> wait(std::string principal);
+    /// Waits in line: the timer that is returned ends then.
+    [[nodiscard]] std::shared_ptr<asio::steady_timer> stand_in_line(const std::string& principal);
     /// Counts time that a connection of the principal has kept the io thread.
     void spend(const std::string& principal, Clock::duration time);
+    /// Returns all time that was counted.
+    [[nodiscard]] Clock::duration spent() const { return spent_; }
 
 private:
     struct Account {
@@ -60,6 +64,29 @@ private:
     static constexpr std::size_t accounts_max = 1024;
     std::unordered_map<std::string, Account> accounts_;
     bool is_round_ = false;
+    Clock::duration spent_{};
+};
+
+/// Counts for a principal how long a scope keeps the io thread, less what is counted within it.
+/// Scopes do not wait. Io thread only.
+class TurnMeter {
+public:
+    /// Nothing is counted for null.
+    TurnMeter(Turns& turns, std::shared_ptr<const std::string> principal) noexcept;
+    TurnMeter(const TurnMeter&) = delete;
+    ~TurnMeter();
+    /// Counts what the innermost scope has taken so far.
+    static void count_present() noexcept;
+
+private:
+    void count() noexcept;
+
+    static inline TurnMeter* present_ = nullptr;
+    Turns& turns_;
+    const std::shared_ptr<const std::string> principal_;
+    TurnMeter* const outer_;
+    Turns::Clock::time_point since_;
+    Turns::Clock::duration counted_;
 };
 
 }  // namespace raynest::server

@@ -79,10 +79,14 @@ std::optional<OptionFault> socket_fault(const std::string& uri) {
     return OptionFault{"listen", uri, uri + ": " + why};
 }
 
-std::string state_access_fault(const std::filesystem::path& state) {
-    for (const auto& folder : {state, state / "blobs", state / "damaged"})
-        if (std::string why = others_fault(folder, "change the scenes"); !why.empty()) return why;
-    return "";
+/// `place` is the folder, or the first on the way to it that is missing.
+std::string state_access_fault(const std::filesystem::path& state,
+                               const std::filesystem::path& place) {
+    const std::string harm = "change the scenes";
+    std::string why = place_fault(place, harm);
+    for (const char* folder : {"blobs", "damaged"})
+        if (why.empty()) why = others_fault(state / folder, harm);
+    return why;
 }
 
 /// Returns why others could put code into the daemon; what belongs to the program itself is not asked.
@@ -104,11 +108,14 @@ std::optional<OptionFault> pack_access_fault(const Options& options) {
 std::optional<OptionFault> state_fault(const std::filesystem::path& state) {
     std::error_code ignored;
     auto folder = std::filesystem::absolute(state, ignored);
+    auto place = folder;
     // The start makes the folders that are missing.
-    while (!std::filesystem::exists(folder, ignored) && folder.has_relative_path())
+    while (!std::filesystem::exists(folder, ignored) && folder.has_relative_path()) {
+        place = folder;
         folder = folder.parent_path();
+    }
     std::string why = folder_fault(folder);
-    if (why.empty()) why = state_access_fault(state);
+    if (why.empty()) why = state_access_fault(state, place);
     if (why.empty()) return std::nullopt;
     return OptionFault{"state", state, state.string() + ": " + why};
 }
@@ -152,7 +159,7 @@ Result<StateLock> prepare_start(const Options& options) {
         return fail(ErrorCode::pack_invalid, "--" + fault->option + ": " + fault->why);
     if (options.state.empty()) return StateLock();
     auto lock = StateLock::take(options.state);
-    if (const std::string why = state_access_fault(options.state); !why.empty())
+    if (const std::string why = state_access_fault(options.state, options.state); !why.empty())
         return fail(ErrorCode::io_failed, "--state: " + why);
     return lock || !options.takeover ? std::move(lock) : StateLock();
 }

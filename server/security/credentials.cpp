@@ -66,7 +66,7 @@ Result<void> Credentials::take(Files files) {
     // A token file alone changes no options; a reload has changed them meanwhile, and read its own.
     if (!files.tls_ && files.options_ != options_) return {};
     if (files.tls_) files.tls_ = logged(std::move(*files.tls_), "certificate_unusable");
-    files.tokens_ = logged(std::move(files.tokens_), "tokens_unusable");
+    files.tokens_ = logged_once(std::move(files.tokens_));
     Result<void> done;
     if (files.tls_ && !*files.tls_)
         done = tl::unexpected(files.tls_->error());
@@ -101,23 +101,34 @@ void Credentials::take(Tls tls) {
 
 Result<Credentials::Tokens> Credentials::tokens_of(const SecurityOptions& options) {
     if (options.tokens.empty()) return Tokens();
-    // Take the version first: a change during the read is seen by the next look.
     const Version version = version_of(options.tokens);
     auto table = TokenTable::read(options.tokens, Reader::daemon);
     if (!table) return tl::unexpected(table.error());
+    if (version != version_of(options.tokens))
+        return fail(ErrorCode::io_failed,
+                    options.tokens.string() + " changed while it was read, and is read again");
     return Tokens{std::make_shared<const TokenTable>(std::move(*table)), version};
 }
 
 void Credentials::take(Tokens tokens) {
-    tokens_version_ = tokens.version;
+    tokens_version_ = tokens_seen_ = tokens.version;
     dispose_(authentication_.set_tokens(std::move(tokens.table)));
     next_expiry_ = authentication_.tokens().next_expiry(WallClock::now());
+}
+
+Result<Credentials::Tokens> Credentials::logged_once(Result<Tokens> tokens) {
+    const std::string reason = tokens ? "" : tokens.error().message;
+    if (std::exchange(tokens_reason_, reason) == reason) return tokens;
+    return logged(std::move(tokens), "tokens_unusable");
 }
 
 bool Credentials::tokens_changed() {
     if (options_.tokens.empty()) return false;
     const Version now = version_of(options_.tokens);
-    return now != std::exchange(tokens_version_, now);
+    // A program that writes in place, as scp does, empties the file first; it is to have ended.
+    const bool is_whole =
+        now == std::exchange(tokens_seen_, now) || now.file != tokens_version_.file;
+    return is_whole && (now != tokens_version_ || !tokens_reason_.empty());
 }
 
 bool Credentials::any_expired(WallClock::time_point now) {

@@ -15,6 +15,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <string>
 
 namespace raynest::server {
 
@@ -52,9 +53,10 @@ public:
     /// before stays; of options that changed, then none is taken. Fails with the first such file.
     /// Afterwards ask still_valid() about everybody who was admitted.
     Result<void> take(Files files);
-    /// True if the token file is another than the one that was taken last: read it and take it. Says
-    /// it once of each version. Of two that are read at a time, the older may be taken last, and is
-    /// found by the next call.
+    /// True if the token file is another than the one that was taken last, or the last could not be
+    /// taken: read it and take it. A file that is written in place is told once two calls find it the
+    /// same. Of two that are read at a time, the older may be taken last, and is found by the next
+    /// call.
     [[nodiscard]] bool tokens_changed();
     /// True if rows or certificates have expired since the last call: then ask still_valid() about
     /// everybody.
@@ -91,13 +93,17 @@ private:
     static Version version_of(const std::filesystem::path& file);
     static Result<Tls> tls_of(const SecurityOptions& options);
     static Result<Tokens> tokens_of(const SecurityOptions& options);
+    /// Logs why the token file is unusable, once for as long as the reason is the same.
+    Result<Tokens> logged_once(Result<Tokens> tokens);
     void take(Tls tls);
     void take(Tokens tokens);
 
     SecurityOptions options_;
     std::shared_ptr<const TlsContext> tls_;
     Authentication authentication_;
-    Version tokens_version_;
+    Version tokens_version_;     ///< of the table that was taken
+    Version tokens_seen_;        ///< at the last look
+    std::string tokens_reason_;  ///< why the file is unusable; empty: it is not
     WallClock::time_point next_expiry_ = WallClock::time_point::max();
     std::function<void(std::shared_ptr<const void>)> dispose_ = [](const auto&) {};
 };

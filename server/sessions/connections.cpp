@@ -161,31 +161,40 @@ std::size_t Connections::kick(std::uint64_t number, const std::string& principal
 
 void Connections::close_unless(
     const std::function<bool(const PeerIdentity&, const Principal*)>& valid,
-    const protocol::Error& error) {
-    go_round([this, valid, error](Session& session) {
-        const Principal* const principal = session.greeted() ? &session.identity() : nullptr;
-        if (!valid(session.peer(), principal) && session.close_soon_with_error(error))
-            ++services_.metrics.revoked;
-    });
+    const protocol::Error& error, std::string_view rule) {
+    go_round(
+        [this, valid, error](Session& session) {
+            const Principal* const principal = session.greeted() ? &session.identity() : nullptr;
+            if (!valid(session.peer(), principal) && session.close_soon_with_error(error))
+                ++services_.metrics.revoked;
+        },
+        rule);
 }
 
 void Connections::close_lost() {
-    go_round([](Session& session) { session.stop_if_lost(); });
+    go_round([](Session& session) { session.stop_if_lost(); }, "lost");
 }
 
 void Connections::close_deserted() {
-    go_round([](Session& session) { session.stop_if_deserted(); });
+    go_round([](Session& session) { session.stop_if_deserted(); }, "deserted");
 }
 
-void Connections::go_round(std::function<void(Session&)> act) {
-    rounds_.push_back({{sessions_.begin(), sessions_.end()}, std::move(act)});
-    go_on();
+void Connections::go_round(std::function<void(Session&)> act, std::string_view rule) {
+    const auto waits = [&](const Round& round) { return round.waits && round.rule == rule; };
+    if (!rule.empty() && std::ranges::any_of(rounds_, waits)) return;
+    rounds_.push_back({{}, std::move(act), rule, !rule.empty()});
+    if (rule.empty()) rounds_.back().left = {sessions_.begin(), sessions_.end()};
+    if (!is_going_) go_on();
 }
 
 void Connections::go_on() {
+    // Where there is no memory to go on, the next round begins again.
+    is_going_ = false;
     const Clock::time_point end = Clock::now() + turn_time;
     while (!rounds_.empty() && Clock::now() < end) {
         Round& round = rounds_.front();
+        if (round.waits) round.left = {sessions_.begin(), sessions_.end()};
+        round.waits = false;
         if (round.left.empty()) {
             rounds_.pop_front();
             continue;
@@ -198,7 +207,9 @@ void Connections::go_on() {
             session->stop();  // it may be one that is to go
         }
     }
-    if (!rounds_.empty()) asio::post(io_, [this] { go_on(); });
+    if (rounds_.empty()) return;
+    asio::post(io_, [this] { go_on(); });
+    is_going_ = true;
 }
 
 }  // namespace raynest::server

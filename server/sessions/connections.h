@@ -15,6 +15,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <unordered_set>
 #include <vector>
 
@@ -51,8 +52,10 @@ public:
     void close_deserted();
     /// Ends the connections for which `valid` returns false with this error. One may cost the
     /// verification of a certificate; `valid` is also called later. The principal is null before Hello.
+    /// `rule`, a literal, names what `valid` asks: of calls with one rule, those that come before the
+    /// first has begun are one.
     void close_unless(const std::function<bool(const PeerIdentity&, const Principal*)>& valid,
-                      const protocol::Error& error);
+                      const protocol::Error& error, std::string_view rule);
 
     /// Lists the connections with numbers above `after`, by number.
     [[nodiscard]] std::vector<ConnectionRow> rows(std::uint64_t after) const;
@@ -85,9 +88,12 @@ private:
     struct Round {
         std::vector<std::shared_ptr<Session>> left;
         std::function<void(Session&)> act;
+        std::string_view rule;
+        bool waits = false;  ///< it takes the sessions that are there when it begins
     };
-    /// Does something with every session, in turns.
-    void go_round(std::function<void(Session&)> act);
+    /// Does something with every session, in turns. Nothing if a round of the same rule, a literal,
+    /// has yet to begin; such a round meets sessions that come before it, too.
+    void go_round(std::function<void(Session&)> act, std::string_view rule = {});
     /// Goes on for the time of a turn, and posts the rest.
     void go_on();
     /// Counts a refused connection and returns its error.
@@ -100,6 +106,7 @@ private:
     Sessions sessions_;
     std::map<std::uint64_t, std::shared_ptr<Session>> greeting_;  ///< not greeted yet, by number
     std::deque<Round> rounds_;
+    bool is_going_ = false;                  ///< go_on() is posted
     std::weak_ptr<const char> drain_round_;  ///< of the round that drains, while it lasts
 };
 

@@ -259,14 +259,10 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
     }
     const Transport::ReadBuffers buffers = {asio::buffer(bulk.data(), bulk.size()),
                                             asio::buffer(stage.data(), stage.size())};
-    const bool takes_time = transport_->reads_take_time();
-    if (takes_time) co_await take_turn();
-    if (!open_) co_return;
-    const Clock::time_point began = Clock::now();
+    Clock::duration spent{};
     const std::size_t got =
-        co_await transport_->read(buffers, std::max(bulk.size(), std::size_t{1}), error);
+        co_await read_in_turn(buffers, std::max(bulk.size(), std::size_t{1}), spent, error);
     if (error || !open_) co_return;
-    Clock::duration spent = takes_time && got != 0 ? Clock::now() - began : read_time(got);
     co_await take_turn();
     if (!open_) co_return;
     if (got == 0)
@@ -289,6 +285,19 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
         co_await take_turn();
         while (open_ && conversation_.is_held_up()) co_await wait(room_);
     } while (open_ && !conversation_.closing() && !rest.empty());
+}
+
+asio::awaitable<std::size_t> Session::read_in_turn(const Transport::ReadBuffers& buffers,
+                                                   std::size_t wanted, Clock::duration& spent,
+                                                   SystemError& error) {
+    const bool takes_time = transport_->reads_take_time();
+    if (takes_time) co_await take_turn();
+    if (!open_) co_return 0;
+    transport_->pays(principal());
+    const Clock::time_point began = Clock::now();
+    const std::size_t got = co_await transport_->read(buffers, wanted, error);
+    spent = takes_time && got != 0 ? Clock::now() - began : read_time(got);
+    co_return got;
 }
 
 asio::awaitable<void> Session::take_turn() {
@@ -323,7 +332,12 @@ asio::awaitable<void> Session::linger() {
     // peer could lose the last frame.
     const Transport::ReadBuffers buffers = {asio::buffer(stage_), asio::mutable_buffer()};
     SystemError error;
-    while (open_ && !error) co_await transport_->read(buffers, 1, error);
+    while (open_ && !error) {
+        Clock::duration spent{};
+        co_await read_in_turn(buffers, 1, spent, error);
+        turns_.spend(principal(), spent);
+        co_await take_turn();
+    }
 }
 
 // ---- writer -------------------------------------------------------------------------------------

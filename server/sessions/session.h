@@ -101,6 +101,11 @@ private:
     /// Decodes received bytes and passes complete frames to the conversation until they or the turn
     /// end. Returns the bytes that are left.
     std::span<const std::byte> take_frames(std::span<const std::byte> bytes);
+    /// Reads as Transport::read() does. `spent` becomes the time for which that kept the io thread, as
+    /// far as the transport has not counted it.
+    asio::awaitable<std::size_t> read_in_turn(const Transport::ReadBuffers& buffers,
+                                              std::size_t wanted, Clock::duration& spent,
+                                              SystemError& error);
     /// Waits for the next turn of its principal, if this one is over.
     asio::awaitable<void> take_turn();
     /// Updates the conversation and the watchdog. Call it after anything that may have changed a

@@ -3,6 +3,7 @@
 
   flood_test.py RAYNESTD RAYNEST
 """
+import contextlib
 import fcntl
 import json
 import os
@@ -21,6 +22,7 @@ from websocket import HEADER, Closed, greeted, host_of, post
 COUNT = 40            # requests that one connection sends
 LINES_PER_SECOND = 6  # for one source and event, with the line that says what was left out
 DAMAGED_MAX = 64      # for a connection in a minute
+CONTROL_FRAMES_MAX = 1000
 PING = 2
 
 
@@ -182,6 +184,22 @@ class Flood(Programs):
                 connection.sendall(HEADER.pack(b"RYN1", PING, 0, 8, 0, 0, number) + b"\xff" * 8)
                 self.assertEqual(read_frame(connection), ERROR)
             self.assertEqual([read_frame(connection), read_frame(connection)], [ERROR, None])
+
+    def test_who_sends_many_control_frames_is_closed(self):
+        for kind in (websocket.PING, websocket.PONG):
+            stream = self.stream("bob")
+            for _ in range(CONTROL_FRAMES_MAX):
+                stream.send(b"", kind)
+            stream.say("Ping", 99)
+            while stream.receive()[0] != websocket.TEXT:
+                pass
+            with self.assertRaises((Closed, OSError)):
+                for _ in range(CONTROL_FRAMES_MAX):
+                    stream.send(b"", kind)
+                    stream.socket.settimeout(0.01)
+                    with contextlib.suppress(TimeoutError):
+                        stream.receive()
+        self.assertIn("more than 1000 control frames came in a minute", self.daemon.log())
 
     def test_a_damaged_message_costs_as_little_as_a_good_one(self):
         clock = pathlib.Path(f"/proc/{self.daemon.process.pid}/task/{self.daemon.process.pid}/schedstat")

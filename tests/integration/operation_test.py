@@ -107,6 +107,13 @@ class Operation(Programs):
             self.assertEqual(told.returncode, 1, told.stderr)
             self.assertIn(f"chmod go-w {part}", told.stderr)
             part.chmod(0o755)
+        above = self.folder / "above"
+        above.mkdir()
+        for missing in (above / "state", above / "more" / "state"):
+            above.chmod(0o777)
+            self.check(f'state = "{missing}"\n', 1, f"other users may write in {above} and change the scenes")
+            above.chmod(0o1777)
+            self.check(f'state = "{missing}"\n', 0)
         self.check(f'state = "{state}"\n', 0, f"warning: other users can see the names of the files in {state}")
         state.chmod(0o700)
         self.assertNotIn("warning", self.check(f'state = "{state}"\n', 0))

@@ -33,6 +33,17 @@ class Transport(DaemonTest):
     def stat(self, name):
         return self.client.json("stats")[name]
 
+    def test_what_follows_a_refusal_is_thrown_away(self):
+        """A connection that closes answers nothing, not even a message that cannot be read."""
+        for _ in range(10):
+            with WebSocket(self.daemon.http) as ws:
+                ws.socket.sendall(b"".join(b"\x81" + bytes([0x80 | len(text)]) + b"\0\0\0\0" + text
+                                           for text in (b"Ping 1 {}", b"x", b"Ping 1 {}")))
+                self.assertTrue(ws.hear()[2]["closing"], "no Hello came first")
+        self.assertEqual(get(self.daemon.http, "/healthz")[0], 200)
+        self.ws.say("Ping", 5)
+        self.assertEqual(self.ws.hear()[0], "Pong")
+
     def query(self, ws, request, fields, kind="closest"):
         """Asks for RAYS; the columns by name, with the rows in order."""
         ws.say("Query", request, {"job": {"scene": "forest"}, "kind": kind, "fields": fields,

@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <array>
 #include <filesystem>
+#include <fstream>
 #include <functional>
 #include <iostream>
 #include <memory>
@@ -254,6 +255,44 @@ TEST_CASE(
     table.put({TokenRow::Kind::token, "more", Role::user, hash_token("more"), {}, {}});
     REQUIRE(table.write(running.folder.file("t")));
     CHECK(running.look());
+}
+
+TEST_CASE("a token file that is written in place counts once it is whole") {
+    Running running;
+    running.start();
+    Authentication& daemon = running.credentials->authentication();
+    const std::string file = running.folder.file("t");
+    const std::string row = daemon.tokens().to_text();
+    std::ofstream(file, std::ios::trunc) << "";
+    CHECK_FALSE(running.look());
+    CHECK(daemon.tokens().find_name("t") != nullptr);
+    std::ofstream(file, std::ios::app) << row;
+    CHECK_FALSE(running.look());
+    CHECK(running.look());
+    CHECK(daemon.tokens().find_name("t") != nullptr);
+    CHECK_FALSE(running.look());
+    // One that is moved into place is whole.
+    REQUIRE(TokenTable().write(file));
+    CHECK(running.look());
+    CHECK(daemon.tokens().rows().empty());
+}
+
+TEST_CASE("a token file that cannot be read is asked again") {
+    Running running;
+    running.start();
+    Authentication& daemon = running.credentials->authentication();
+    const std::string file = running.folder.file("t");
+    REQUIRE(TokenTable().write(file));
+    const auto folder = std::filesystem::path(file).parent_path();
+    using std::filesystem::perms;
+    std::filesystem::permissions(folder, perms::all);
+    CHECK_FALSE(running.look());
+    CHECK_FALSE(running.look());
+    CHECK(daemon.tokens().find_name("t") != nullptr);
+    std::filesystem::permissions(folder, perms::owner_all);
+    CHECK(running.look());
+    CHECK(daemon.tokens().rows().empty());
+    CHECK_FALSE(running.look());
 }
 
 TEST_CASE("tokens that a reload brings are watched, and go with the option") {

@@ -313,7 +313,7 @@ TEST_CASE("who is admitted no more is closed, and who has said no Hello meets th
     const auto known = greeted(house);
     house.connections.close_unless(
         [](const PeerIdentity&, const Principal* principal) { return principal == nullptr; },
-        {Code::not_allowed, "revoked", 0});
+        {Code::not_allowed, "revoked", 0}, "revoked");
     house.settle();
     CHECK(last_error(*known) == Code::not_allowed);
     CHECK(silent->wire->to_peer.empty());
@@ -337,7 +337,7 @@ TEST_CASE("asking many peers whether they are admitted lets others have their tu
             if (std::exchange(first, false)) throw std::bad_alloc();
             return asked % 2 == 0;
         },
-        {Code::not_allowed, "revoked", 0});
+        {Code::not_allowed, "revoked", 0}, "revoked");
     std::size_t asked_at_turn = 0;
     asio::post(house.io, [&] { asked_at_turn = asked; });
     house.settle();
@@ -346,6 +346,28 @@ TEST_CASE("asking many peers whether they are admitted lets others have their tu
     CHECK(house.daemon.metrics.revoked == peers.size() / 2 - 1);
     // The others read their errors first; this one could not be asked.
     CHECK(house.connections.size() == peers.size() - 1);
+}
+
+TEST_CASE("many changes at a time ask each peer a second time at most") {
+    MemoryDaemon house;
+    std::vector<std::unique_ptr<MemoryPeer>> peers;
+    for (int i = 0; i < 4; ++i) peers.push_back(greeted(house));
+    std::size_t asked = 0;
+    const auto change = [&] {
+        house.connections.close_unless(
+            [&](const PeerIdentity&, const Principal*) {
+                std::this_thread::sleep_for(turn_time);
+                ++asked;
+                return true;
+            },
+            {Code::not_allowed, "revoked", 0}, "revoked");
+    };
+    for (int i = 0; i < 20; ++i) change();
+    house.settle();
+    CHECK(asked == 2 * peers.size());
+    change();
+    house.settle();
+    CHECK(asked == 3 * peers.size());
 }
 
 TEST_CASE("the end of a crowd of connections lets others have their turns") {
